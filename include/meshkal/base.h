@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: MIT */
+/* What every Meshkal header rests on: real types, status codes, and the refusal of compilers that break IEEE arithmetic. */
+#ifndef MESHKAL_BASE_H
+#define MESHKAL_BASE_H
+
+#include <float.h>
+#include <stdint.h>
+
+#define MK_VERSION "0.1.0"
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#error "Meshkal needs IEEE arithmetic: NaN checks and bit-exact replay do not survive -ffast-math"
+#endif
+#if FLT_EVAL_METHOD != 0
+#error "Meshkal needs operations rounded to their own type (FLT_EVAL_METHOD 0): on x86 use -mfpmath=sse"
+#endif
+
+/* Also compile with -ffp-contract=off (gcc -std=gnu99 fuses multiply and add by default): without it results differ between
+   targets in the last bits. No macro tells, so it cannot be checked here. */
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef float mk_f32_t;
+typedef double mk_f64_t;
+
+/* Every function that can fail returns one of these. On failure all state is as before the call. */
+typedef enum {
+    MK_OK = 0,
+    MK_ERROR_ARGUMENT,              /* null pointer, or slot or size out of range */
+    MK_ERROR_SHAPE,                 /* configuration was made for other dimensions than the filter's type */
+    MK_ERROR_NOT_FINITE,            /* NaN or infinity in an input, or a result that overflowed */
+    MK_ERROR_NOT_POSITIVE_DEFINITE, /* a covariance or information matrix has a pivot that is not positive */
+    MK_ERROR_TOLERANCE,             /* tolerance negative, not finite, or without a root in this precision */
+    MK_ERROR_ORDER,                 /* call out of turn: the header says which call comes first */
+    MK_ERROR_REPEATED               /* the slot has already been filled in this step: the new value was dropped */
+} mk_status_t;
+
+/* Name of a status, for example "MK_OK"; never null. Static storage. */
+const char *mk_status_name(mk_status_t status);
+
+/* Elements of a symmetric n x n matrix in packed storage. Element (i, j), j <= i, stands at i * (i + 1) / 2 + j. */
+#define MK_PACKED(n) ((n) * ((n) + 1) / 2)
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,120 @@
+/* SPDX-License-Identifier: MIT */
+/* The root of gamma(P, theta) = c for n <= 6 from the characteristic polynomial instead of the spectrum.
+
+   D(theta) = det(I - theta P) = sum_k (-1)^k e_k theta^k. e_1..e_3 follow from the power sums p_k = tr P^k by Newton's
+   identities, e_4..e_6 from det P and P^-1, which the filter step needs anyway. With t_i = theta lambda_i / (1 - theta
+   lambda_i), the elementary symmetric sums of the t_i are E_k = (-theta)^k D^(k) / (k! D), and
+
+       gamma = [t - log(1 + t)] + sum_k (-1)^(k-1) (k-1) e_k theta^k / D,       t = 1/D - 1,
+
+   a form that keeps relative accuracy as c goes to 0. It is a fast path only: e_4..e_6 lose accuracy with the condition
+   number of P, and D with large c, so the rounding error is bounded at the root and the result is given up where the bound
+   is too large. */
+
+/* What is known before the inverse: sums for P / trace P, and a first guess of theta times the trace. */
+typedef struct {
+    MK_REAL trace, e2, e3, guess;
+} MK_F_T(mk_gamma_start);
+
+MK_KERNEL void MK_F(mk_gamma_fast_start)(int n, const MK_REAL *MK_RESTRICT P, MK_REAL c, MK_F_T(mk_gamma_start) * start) {
+    const MK_REAL trace = MK_F(mk_trace)(n, P), scale = MK_R(1.0) / trace, scale2 = scale * scale;
+    MK_REAL p2 = MK_R(0.0), p3 = MK_R(0.0), p4 = MK_R(0.0);
+    MK_UNROLL for (int i = 0; i < n; i++) {
+        /* Rows of P^2; off-diagonal elements count twice. Sums by rows keep the chains of additions short. */
+        MK_REAL cubic = MK_R(0.0), quartic = MK_R(0.0);
+        MK_UNROLL for (int j = 0; j <= i; j++) {
+            MK_REAL square = P[MK_AT(i, 0)] * P[MK_AT(j, 0)];
+            MK_UNROLL for (int k = 1; k < n; k++)
+                square += P[i > k ? MK_AT(i, k) : MK_AT(k, i)] * P[j > k ? MK_AT(j, k) : MK_AT(k, j)];
+            const MK_REAL share = j < i ? square : MK_R(0.5) * square;
+            cubic += share * P[MK_AT(i, j)];
+            quartic += share * square;
+            if (j == i) p2 += square;
+        }
+        p3 += cubic;
+        p4 += quartic;
+    }
+    p2 *= scale2;
+    p3 *= MK_R(2.0) * (scale2 * scale);
+    p4 *= MK_R(2.0) * (scale2 * scale2);
+    start->trace = trace;
+    start->e2 = MK_R(0.5) * (MK_R(1.0) - p2);
+    start->e3 = n < 3 ? MK_R(0.0) : MK_R(0.16666666666666667) * (MK_R(1.0) - MK_R(3.0) * p2 + MK_R(2.0) * p3);
+
+    /* The one-eigenvalue model with mu = p3 / p2, whose root in t is s + s^2/3 + s^3/36.., s^2 = 2 c mu^2 / p2, corrected
+       for the p4 that the model gets wrong. */
+    const MK_REAL p2_inverse = MK_R(1.0) / p2;
+    const MK_REAL mu = p3 * p2_inverse;
+    const MK_REAL sigma = MK_F(mk_sqrt)(MK_R(2.0) * c * p2_inverse);
+    const MK_REAL s = sigma * mu;
+    const MK_REAL bend = MK_R(1.0) + s * (MK_R(0.33333333333333333) + s * MK_R(0.027777777777777778));
+    const MK_REAL u = sigma * bend / (MK_R(1.0) + s * bend);
+    start->guess = u - MK_R(0.75) * (p4 * p2_inverse - mu * mu) * (u * u * u);
+}
+
+/* theta for 1 <= n <= 6 and c > 0; L and inverse as mk_inverse leaves them. Returns the number of evaluations of gamma, or 0
+   when the root is not certain to MK_FAST_ERROR (relative): use mk_gamma_root. *theta is then untouched. */
+MK_KERNEL int MK_F(mk_gamma_fast_root)(int n, const MK_F_T(mk_gamma_start) * start, const MK_REAL *MK_RESTRICT L,
+                                       const MK_REAL *MK_RESTRICT inverse, MK_REAL c, MK_REAL *theta) {
+    const MK_REAL trace = start->trace, e2 = start->e2, e3 = start->e3;
+    MK_REAL e4 = MK_R(0.0), e5 = MK_R(0.0), e6 = MK_R(0.0), condition = MK_R(1.0);
+    if (n >= 4) {
+        MK_REAL pivots = MK_R(1.0); /* 1 / det(P / trace) */
+        MK_UNROLL for (int i = 0; i < n; i++) pivots *= L[MK_AT(i, i)] * trace;
+        const MK_REAL determinant = MK_R(1.0) / pivots;
+        const MK_REAL q1 = MK_F(mk_trace)(n, inverse) * trace;
+        condition = q1;
+        if (n == 4) e4 = determinant;
+        if (n == 5) e4 = determinant * q1, e5 = determinant;
+        if (n == 6) {
+            MK_REAL off = MK_R(0.0), on = MK_R(0.0);
+            MK_UNROLL for (int i = 0; i < n; i++) {
+                MK_REAL row = MK_R(0.0);
+                MK_UNROLL for (int j = 0; j < i; j++) row += inverse[MK_AT(i, j)] * inverse[MK_AT(i, j)];
+                off += row;
+                on += inverse[MK_AT(i, i)] * inverse[MK_AT(i, i)];
+            }
+            const MK_REAL q2 = (on + MK_R(2.0) * off) * (trace * trace);
+            e4 = MK_R(0.5) * determinant * (q1 * q1 - q2);
+            e5 = determinant * q1;
+            e6 = determinant;
+        }
+    }
+    MK_REAL u = start->guess; /* theta times trace */
+    for (int evaluations = 1; evaluations <= 3; evaluations++) {
+        /* Powers instead of Horner's rule: shorter chains of dependent operations. */
+        const MK_REAL u2 = u * u, u4 = u2 * u2;
+        const MK_REAL a2 = e2 * u2, a3 = e3 * (u2 * u), a4 = e4 * u4, a5 = e5 * (u4 * u), a6 = e6 * (u4 * u2);
+        const MK_REAL drop = ((u - a2) + (a3 - a4)) + (a5 - a6); /* 1 - D */
+        const MK_REAL D = MK_R(1.0) - drop;
+        if (!(D > MK_R(0.0))) return 0;
+        const MK_REAL D_inverse = MK_R(1.0) / D;
+        const MK_REAL tail = ((MK_R(2.0) * a3 - a2) + (MK_R(4.0) * a5 - MK_R(3.0) * a4)) - MK_R(5.0) * a6;
+        const MK_REAL gamma = MK_F(mk_log_gap_quotient)(drop, D, D_inverse) + tail * D_inverse;
+        const MK_REAL E1 = (((u - MK_R(2.0) * a2) + (MK_R(3.0) * a3 - MK_R(4.0) * a4)) + (MK_R(5.0) * a5 - MK_R(6.0) * a6)) * D_inverse;
+        const MK_REAL E2 = (((a2 - MK_R(3.0) * a3) + (MK_R(6.0) * a4 - MK_R(10.0) * a5)) + MK_R(15.0) * a6) * D_inverse;
+        const MK_REAL E3 = ((a3 - MK_R(4.0) * a4) + (MK_R(10.0) * a5 - MK_R(20.0) * a6)) * D_inverse;
+        /* Power sums of the t_i: T2 = theta gamma', T2 + 2 T3 = theta^2 gamma''. Halley's step relative to theta, with
+           1 / (1 + y) as 1 - y + y^2 so that no division waits for gamma. */
+        const MK_REAL T2 = E1 * E1 - MK_R(2.0) * E2;
+        const MK_REAL T3 = E1 * (E1 * E1 - MK_R(3.0) * E2) + MK_R(3.0) * E3;
+        const MK_REAL T2_inverse = MK_R(1.0) / T2;
+        const MK_REAL bend = MK_R(0.5) + T3 * T2_inverse;
+        const MK_REAL newton = (c - gamma) * T2_inverse;
+        const MK_REAL y = newton * bend;
+        const MK_REAL step = newton * (MK_R(1.0) - y + y * y);
+        u += u * step;
+        /* Halley leaves about a third of the cube of the step, which 1 + E1 >= 1 / (1 - theta lambda_max) magnifies. */
+        const MK_REAL reach = (step < MK_R(0.0) ? -step : step) * (MK_R(1.0) + E1);
+        if (reach < MK_FAST_CLOSE) {
+            const MK_REAL product = drop * D_inverse;
+            const MK_REAL loss = MK_R(8.0) * MK_EPSILON *
+                                 (product * (MK_R(1.0) + product) * u +
+                                  condition * D_inverse * (MK_R(3.0) * a4 + MK_R(4.0) * a5 + MK_R(5.0) * a6));
+            if (!(loss < MK_FAST_ERROR * T2)) return 0;
+            *theta = u / trace;
+            return evaluations;
+        }
+    }
+    return 0;
+}

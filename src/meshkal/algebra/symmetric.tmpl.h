@@ -1,0 +1,88 @@
+/* SPDX-License-Identifier: MIT */
+/* Packed symmetric matrices: factorisation, solve, congruence, inverse. The source fixes the order of operations, so the
+   unrolled and the shared build give the same bits. */
+
+/* Row i of the factorisation S = L diag(d) L' in place, rows above done: the strict lower triangle becomes that of the unit
+   lower L, the diagonal 1 / d. Returns 1, or 0 when the pivot is not above epsilon times its diagonal element: not positive
+   definite in this precision, or NaN. */
+MK_KERNEL int MK_F(mk_ldl_row)(int i, MK_REAL *MK_RESTRICT S) {
+    MK_REAL pivot = S[MK_AT(i, i)];
+    const MK_REAL least = MK_EPSILON * pivot;
+    MK_UNROLL for (int j = 0; j < i; j++) {
+        MK_REAL sum = S[MK_AT(i, j)];
+        MK_UNROLL for (int k = 0; k < j; k++) sum -= S[MK_AT(i, k)] * S[MK_AT(j, k)];
+        S[MK_AT(i, j)] = sum; /* L_ij d_j for now */
+    }
+    MK_UNROLL for (int k = 0; k < i; k++) {
+        /* Squared first: the square need not wait for the division that is behind 1 / d. */
+        pivot -= S[MK_AT(i, k)] * S[MK_AT(i, k)] * S[MK_AT(k, k)];
+        S[MK_AT(i, k)] *= S[MK_AT(k, k)];
+    }
+    S[MK_AT(i, i)] = MK_R(1.0) / pivot;
+    return (pivot > least) & (least > MK_R(0.0));
+}
+
+/* The whole factorisation. Returns 1, or 0 if S is not positive definite; S is spoilt then. n^3 / 3 operations, n divisions. */
+MK_KERNEL int MK_F(mk_ldl)(int n, MK_REAL *MK_RESTRICT S) {
+    int good = 1;
+    MK_UNROLL for (int i = 0; i < n; i++) good &= MK_F(mk_ldl_row)(i, S);
+    return good;
+}
+
+/* X := L^-1 X for `columns` right-hand sides, X n x columns in row order, L from mk_ldl. */
+MK_KERNEL void MK_F(mk_ldl_forward)(int n, int columns, const MK_REAL *MK_RESTRICT L, MK_REAL *MK_RESTRICT X) {
+    MK_UNROLL for (int i = 1; i < n; i++) {
+        MK_UNROLL for (int k = 0; k < i; k++) {
+            const MK_REAL factor = L[MK_AT(i, k)];
+            MK_UNROLL for (int c = 0; c < columns; c++) X[i * columns + c] -= factor * X[k * columns + c];
+        }
+    }
+}
+
+/* P := P + X' D^-1 X, X n x n in row order, D^-1 the diagonal left by mk_ldl in L. */
+MK_KERNEL void MK_F(mk_ldl_congruence)(int n, const MK_REAL *MK_RESTRICT L, const MK_REAL *MK_RESTRICT X,
+                                       MK_REAL *MK_RESTRICT P) {
+    MK_UNROLL for (int k = 0; k < n; k++) {
+        MK_UNROLL for (int i = 0; i < n; i++) {
+            const MK_REAL scaled = L[MK_AT(k, k)] * X[k * n + i];
+            MK_UNROLL for (int j = 0; j <= i; j++) P[MK_AT(i, j)] += scaled * X[k * n + j];
+        }
+    }
+}
+
+/* Z := S^-1; S becomes its factor, K (packed, strict lower triangle) L^-1. Returns 1, or 0 if S is not positive definite; Z is
+   spoilt then. n^3 operations. Factor, its inverse and K' D^-1 K advance row by row together: the products fill the time that
+   the chain of divisions takes. */
+MK_KERNEL int MK_F(mk_inverse)(int n, MK_REAL *MK_RESTRICT S, MK_REAL *MK_RESTRICT K, MK_REAL *MK_RESTRICT Z) {
+    int good = 1;
+    MK_UNROLL for (int i = 0; i < n; i++) {
+        good &= MK_F(mk_ldl_row)(i, S);
+        MK_UNROLL for (int j = 0; j < i; j++) {
+            MK_REAL sum = S[MK_AT(i, j)];
+            MK_UNROLL for (int k = j + 1; k < i; k++) sum += S[MK_AT(i, k)] * K[MK_AT(k, j)];
+            K[MK_AT(i, j)] = -sum;
+        }
+        const MK_REAL d_inverse = S[MK_AT(i, i)];
+        MK_UNROLL for (int j = 0; j < i; j++) {
+            const MK_REAL scaled = d_inverse * K[MK_AT(i, j)];
+            MK_UNROLL for (int k = 0; k <= j; k++) Z[MK_AT(j, k)] += scaled * K[MK_AT(i, k)];
+            Z[MK_AT(i, j)] = scaled;
+        }
+        Z[MK_AT(i, i)] = d_inverse;
+    }
+    return good;
+}
+
+/* Trace of packed S. */
+MK_KERNEL MK_REAL MK_F(mk_trace)(int n, const MK_REAL *S) {
+    MK_REAL sum = S[0];
+    MK_UNROLL for (int i = 1; i < n; i++) sum += S[MK_AT(i, i)];
+    return sum;
+}
+
+/* 1 if all `count` numbers are finite. A product with zero is zero for finite numbers and NaN for others. */
+MK_KERNEL int MK_F(mk_all_finite)(int count, const MK_REAL *x) {
+    MK_REAL probe = MK_R(0.0);
+    for (int i = 0; i < count; i++) probe += x[i] * MK_R(0.0);
+    return probe == MK_R(0.0);
+}

@@ -1,0 +1,166 @@
+/* SPDX-License-Identifier: MIT */
+/* Everything of the filter object but its two hot steps: start, inputs, queries. Compiled once, with run-time dimensions. */
+
+/* result := S^-1, packed, by way of work (3 MK_PACKED(n)); result is written on success only and may be S. */
+static mk_status_t MK_F(mk_invert)(int n, const MK_REAL *S, MK_REAL *result, MK_REAL *work) {
+    const int packed = MK_AT(n, 0);
+    MK_REAL *const L = work, *const K = L + packed, *const Z = K + packed;
+    if (!MK_F(mk_all_finite)(packed, S)) return MK_ERROR_NOT_FINITE;
+    memcpy(L, S, (size_t)packed * sizeof *L);
+    if (!MK_F(mk_inverse)(n, L, K, Z)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    if (!MK_F(mk_all_finite)(packed, Z)) return MK_ERROR_NOT_FINITE;
+    memcpy(result, Z, (size_t)packed * sizeof *Z);
+    return MK_OK;
+}
+
+mk_status_t MK_F(mk_rkfd_sensor)(int n, int m, int rows, const MK_REAL *C, const MK_REAL *R, MK_REAL *F, MK_REAL *S,
+                                 MK_REAL *R_inverse, MK_REAL *work) {
+    if (!C || !R || !F || !S || !R_inverse || !work || n < 1 || rows < 0 || rows > m) return MK_ERROR_ARGUMENT;
+    if (!MK_F(mk_all_finite)(m * n, C)) return MK_ERROR_NOT_FINITE;
+    if (rows > 0) {
+        const mk_status_t status = MK_F(mk_invert)(rows, R, R_inverse, work);
+        if (status != MK_OK) return status;
+    }
+    /* The packed leading block comes first, so the rest is one run of zeros. */
+    for (int i = MK_AT(rows, 0); i < MK_AT(m, 0); i++) R_inverse[i] = MK_R(0.0);
+    for (int i = 0; i < n; i++) {
+        for (int r = 0; r < m; r++) {
+            MK_REAL sum = MK_R(0.0);
+            for (int s = 0; s < rows && r < rows; s++)
+                sum += C[s * n + i] * R_inverse[s > r ? MK_AT(s, r) : MK_AT(r, s)];
+            F[r * n + i] = sum;
+        }
+        for (int j = 0; j <= i; j++) {
+            MK_REAL sum = MK_R(0.0);
+            for (int r = 0; r < rows; r++) sum += F[r * n + i] * C[r * n + j];
+            S[MK_AT(i, j)] = sum;
+        }
+    }
+    return MK_OK;
+}
+
+mk_status_t MK_F(mk_rkfd_set_tolerance)(MK_F_T(mk_rkfd) * core, MK_REAL tolerance) {
+    if (!(tolerance >= MK_R(0.0) && tolerance * MK_R(0.0) == MK_R(0.0))) return MK_ERROR_TOLERANCE;
+    core->tolerance = tolerance;
+    return MK_OK;
+}
+
+static mk_status_t MK_F(mk_rkfd_check)(int n, int m, int slots, const MK_F_T(mk_rkfd_config) * config) {
+    if (!config || n < 1 || m < 1 || slots < 1) return MK_ERROR_ARGUMENT;
+    if (config->n != n || config->m != m || config->slots != slots) return MK_ERROR_SHAPE;
+    if (!config->A || !config->Q || !config->x0 || !config->P0 || !config->weight || !config->rows || !config->C ||
+        !config->F || !config->S || !config->R_inverse)
+        return MK_ERROR_ARGUMENT;
+    const int packed = MK_AT(n, 0);
+    if (!MK_F(mk_all_finite)(n * n, config->A) || !MK_F(mk_all_finite)(packed, config->Q) ||
+        (config->input && !MK_F(mk_all_finite)(n, config->input)) || !MK_F(mk_all_finite)(slots, config->weight) ||
+        !MK_F(mk_all_finite)(slots * m * n, config->C) || !MK_F(mk_all_finite)(slots * n * m, config->F) ||
+        !MK_F(mk_all_finite)(slots * packed, config->S) || !MK_F(mk_all_finite)(slots * MK_AT(m, 0), config->R_inverse))
+        return MK_ERROR_NOT_FINITE;
+    for (int l = 0; l < slots; l++)
+        if (config->weight[l] < MK_R(0.0) || config->rows[l] > m) return MK_ERROR_ARGUMENT;
+    return MK_OK;
+}
+
+mk_status_t MK_F(mk_rkfd_start)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view,
+                                const MK_F_T(mk_rkfd_config) * config) {
+    mk_status_t status = MK_F(mk_rkfd_check)(n, m, slots, config);
+    if (status != MK_OK) return status;
+    MK_F_T(mk_rkfd) core;
+    memset(&core, 0, sizeof core);
+    status = MK_F(mk_rkfd_set_tolerance)(&core, config->tolerance);
+    if (status != MK_OK) return status;
+    status = MK_F(mk_rkfd_restart)(n, slots, view, config->x0, config->P0);
+    if (status != MK_OK) return status;
+    core.config = config;
+    core.stage = 1;
+    *view->core = core;
+    for (int i = 0; i < slots * m; i++) view->y[i] = MK_R(0.0);
+    for (int i = 0; i < slots * n; i++) view->psi[i] = MK_R(0.0);
+    return MK_OK;
+}
+
+mk_status_t MK_F(mk_rkfd_restart)(int n, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *x0, const MK_REAL *P0) {
+    if (!x0 || !P0) return MK_ERROR_ARGUMENT;
+    if (!MK_F(mk_all_finite)(n, x0)) return MK_ERROR_NOT_FINITE;
+    const mk_status_t status = MK_F(mk_invert)(n, P0, view->W, view->work);
+    if (status != MK_OK) return status;
+    for (int i = 0; i < n; i++) view->x[i] = x0[i];
+    for (int l = 0; l < slots; l++) view->have_y[l] = view->have_psi[l] = 0;
+    view->core->stage = 1;
+    return MK_OK;
+}
+
+/* An input arrived and is refused: counted, and seen in the faults of the step. */
+static mk_status_t MK_F(mk_rkfd_refuse)(MK_F_T(mk_rkfd) * core, mk_status_t status) {
+    core->rejected++;
+    core->rejected_now = 1;
+    return status;
+}
+
+mk_status_t MK_F(mk_rkfd_put)(int n, int m, const MK_F_T(mk_rkfd_view) * view, int slot, const MK_REAL *values,
+                              int is_innovation) {
+    MK_F_T(mk_rkfd) *const core = view->core;
+    (void)n;
+    if (core->stage != 1) return MK_ERROR_ORDER;
+    if (!values || slot < 0 || slot >= core->config->slots) return MK_F(mk_rkfd_refuse)(core, MK_ERROR_ARGUMENT);
+    const int rows = core->config->rows[slot];
+    if (!MK_F(mk_all_finite)(rows, values)) return MK_F(mk_rkfd_refuse)(core, MK_ERROR_NOT_FINITE);
+    if (view->have_y[slot]) return MK_F(mk_rkfd_refuse)(core, MK_ERROR_REPEATED);
+    for (int r = 0; r < m; r++) view->y[slot * m + r] = r < rows ? values[r] : MK_R(0.0);
+    view->have_y[slot] = is_innovation ? 2 : 1;
+    return MK_OK;
+}
+
+mk_status_t MK_F(mk_rkfd_put_estimate)(int n, const MK_F_T(mk_rkfd_view) * view, int slot, const MK_REAL *psi) {
+    MK_F_T(mk_rkfd) *const core = view->core;
+    if (core->stage != 2) return MK_ERROR_ORDER;
+    if (!psi || slot < 1 || slot >= core->config->slots) return MK_F(mk_rkfd_refuse)(core, MK_ERROR_ARGUMENT);
+    if (!MK_F(mk_all_finite)(n, psi)) return MK_F(mk_rkfd_refuse)(core, MK_ERROR_NOT_FINITE);
+    if (view->have_psi[slot]) return MK_F(mk_rkfd_refuse)(core, MK_ERROR_REPEATED);
+    for (int i = 0; i < n; i++) view->psi[slot * n + i] = psi[i];
+    view->have_psi[slot] = 1;
+    return MK_OK;
+}
+
+mk_status_t MK_F(mk_rkfd_incremental)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *input) {
+    return MK_F(mk_inline_rkfd_incremental)(n, m, slots, view, input);
+}
+
+mk_status_t MK_F(mk_rkfd_diffuse)(int n, int slots, const MK_F_T(mk_rkfd_view) * view) {
+    return MK_F(mk_inline_rkfd_diffuse)(n, slots, view);
+}
+
+mk_status_t MK_F(mk_rkfd_covariance)(int n, const MK_F_T(mk_rkfd_view) * view, MK_REAL *V) {
+    if (!V) return MK_ERROR_ARGUMENT;
+    if (view->core->stage == 0) return MK_ERROR_ORDER;
+    return MK_F(mk_invert)(n, view->W, V, view->work);
+}
+
+mk_status_t MK_F(mk_rkfd_predict)(int n, int m, const MK_F_T(mk_rkfd_view) * view, int slot, MK_REAL *innovation,
+                                  MK_REAL *variance) {
+    const MK_F_T(mk_rkfd_config) *const config = view->core->config;
+    if (view->core->stage != 1) return MK_ERROR_ORDER;
+    if (!innovation || !variance || slot < 0 || slot >= config->slots || !view->have_y[slot]) return MK_ERROR_ARGUMENT;
+    const int rows = config->rows[slot];
+    const MK_REAL *const C = config->C + slot * m * n;
+    MK_REAL *const L = view->work, *const X = L + MK_AT(n, 0), *const R = X + n * m, *const scratch = R + MK_AT(m, 0);
+    for (int i = 0; i < MK_AT(n, 0); i++) L[i] = view->W[i];
+    if (!MK_F(mk_ldl)(n, L)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    if (rows > 0 && MK_F(mk_invert)(rows, config->R_inverse + slot * MK_AT(m, 0), R, scratch) != MK_OK)
+        return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    for (int i = 0; i < n; i++)
+        for (int r = 0; r < m; r++) X[i * m + r] = C[r * n + i];
+    MK_F(mk_ldl_forward)(n, m, L, X);
+    for (int r = 0; r < m; r++) {
+        MK_REAL predicted = MK_R(0.0);
+        for (int j = 0; j < n && view->have_y[slot] == 1; j++) predicted += C[r * n + j] * view->x[j];
+        innovation[r] = r < rows ? view->y[slot * m + r] - predicted : MK_R(0.0);
+        for (int s = 0; s <= r; s++) {
+            MK_REAL sum = r < rows ? R[MK_AT(r, s)] : MK_R(0.0);
+            for (int k = 0; k < n; k++) sum += L[MK_AT(k, k)] * X[k * m + r] * X[k * m + s];
+            variance[MK_AT(r, s)] = sum;
+        }
+    }
+    return MK_OK;
+}

@@ -1,0 +1,31 @@
+/* SPDX-License-Identifier: MIT */
+/* How the kernels are compiled. They take dimensions as arguments; where those are literals, always-inline and unrolling turn
+   each use into straight-line code. MK_ROLLED (the shared build) keeps functions and loops. */
+#ifndef MESHKAL_INLINE_H
+#define MESHKAL_INLINE_H
+
+#if (defined(__GNUC__) || defined(__clang__)) && !defined(MK_ROLLED)
+#define MK_KERNEL static inline __attribute__((always_inline, unused))
+#elif defined(__GNUC__) || defined(__clang__)
+#define MK_KERNEL static __attribute__((unused))
+#else
+#define MK_KERNEL static inline
+#endif
+
+/* gcc unrolls a loop of known count only as far as a size limit that these kernels exceed; clang's own limit suffices. */
+#if defined(__GNUC__) && !defined(__clang__) && !defined(MK_ROLLED)
+#define MK_UNROLL _Pragma("GCC unroll 8")
+#else
+#define MK_UNROLL
+#endif
+
+#if defined(__GNUC__) || defined(__clang__)
+#define MK_RESTRICT __restrict
+#else
+#define MK_RESTRICT
+#endif
+
+/* Place of element (i, j), j <= i, of a packed symmetric matrix. */
+#define MK_AT(i, j) ((i) * ((i) + 1) / 2 + (j))
+
+#endif

@@ -1,0 +1,55 @@
+/* SPDX-License-Identifier: MIT */
+/* All kernels in both precisions, lowest layer first: algebra, filter, network. */
+#ifndef MESHKAL_KERNELS_H
+#define MESHKAL_KERNELS_H
+
+#include <string.h>
+
+#include <meshkal/gamma.h>
+#include <meshkal/rkfd.h>
+
+#include "algebra/sqrt.h"
+#include "inline.h"
+
+/* Bisection alone halves the bracket once an evaluation: 100 evaluations leave nothing of it in either precision. */
+#define MK_GAMMA_LIMIT 100
+
+/* The polynomial root has its coefficients from P, P^2 and P^-1 up to n = 6. */
+#define MK_FAST_LARGEST_N 6
+
+/* MK_GAMMA_CLOSE: a relative step of the exact root search after which the next would be below rounding.
+   MK_FAST_CLOSE: a step of the polynomial search whose third power is below MK_FAST_ERROR, its bound on the relative error. */
+
+#define MK_BITS 32
+#include "real.h"
+#define MK_GAMMA_CLOSE 1e-3f
+#define MK_FAST_CLOSE 2e-2f
+#define MK_FAST_ERROR 1e-5f
+#include "algebra/elementary.tmpl.h"
+#include "algebra/symmetric.tmpl.h"
+#include "algebra/gamma_root.tmpl.h"
+#include "algebra/gamma_fast.tmpl.h"
+#include "filter/rkfd_step.tmpl.h"
+#include "network/diffusion.tmpl.h"
+#undef MK_GAMMA_CLOSE
+#undef MK_FAST_CLOSE
+#undef MK_FAST_ERROR
+#undef MK_BITS
+
+#define MK_BITS 64
+#include "real.h"
+#define MK_GAMMA_CLOSE 1e-7
+#define MK_FAST_CLOSE 2e-4
+#define MK_FAST_ERROR 1e-11
+#include "algebra/elementary.tmpl.h"
+#include "algebra/symmetric.tmpl.h"
+#include "algebra/gamma_root.tmpl.h"
+#include "algebra/gamma_fast.tmpl.h"
+#include "filter/rkfd_step.tmpl.h"
+#include "network/diffusion.tmpl.h"
+#undef MK_GAMMA_CLOSE
+#undef MK_FAST_CLOSE
+#undef MK_FAST_ERROR
+#undef MK_BITS
+
+#endif

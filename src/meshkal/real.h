@@ -1,0 +1,23 @@
+/* SPDX-License-Identifier: MIT */
+/* Included before each pass over a *.tmpl.h file, which is compiled once for each precision. MK_BITS (32 or 64) chooses. */
+/* No include guard: that is the point. */
+#undef MK_F
+#undef MK_F_T
+#undef MK_REAL
+#undef MK_R
+#undef MK_EPSILON
+#if MK_BITS == 32
+#define MK_F(name) name##_f32
+#define MK_F_T(name) name##_f32_t
+#define MK_REAL float
+#define MK_R(value) value##f
+#define MK_EPSILON FLT_EPSILON
+#elif MK_BITS == 64
+#define MK_F(name) name##_f64
+#define MK_F_T(name) name##_f64_t
+#define MK_REAL double
+#define MK_R(value) value
+#define MK_EPSILON DBL_EPSILON
+#else
+#error "MK_BITS is 32 or 64"
+#endif

@@ -1,0 +1,1 @@
+"""Turns a Meshkal run log (port/host/log-format.md) into a rerun recording."""

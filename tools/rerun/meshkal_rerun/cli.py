@@ -1,0 +1,119 @@
+"""The command: reads a log from a file or standard input and writes an .rrd file, whole or not at all."""
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+import rerun as rr
+
+from .blueprint import blueprint
+from .reader import LogError, LogReader
+from .recording import APPLICATION_ID, Recorder, recording_id
+from .scenario import parse_scenario
+
+PROGRAM = "meshkal-rerun"
+EXIT_BAD = 2
+EXIT_INTERRUPTED = 130
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = _options(arguments)
+    # Without it, rerun only warns about what it could not record, and the file would lack data.
+    rr.set_strict_mode(True)
+    try:
+        with _signals(options.log == "-"), _open(options.log) as stream:
+            warnings = convert(stream, Path(options.output), options.run)
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED
+    except (LogError, OSError) as error:
+        print(f"{PROGRAM}: {options.log}: {error}", file=sys.stderr)
+        return EXIT_BAD
+    for warning in warnings:
+        print(f"{PROGRAM}: {options.log}: warning: {warning}", file=sys.stderr)
+    return 0
+
+
+def convert(stream: BinaryIO, output: Path, run: int) -> list[str]:
+    """Writes the recording of one run and returns warnings for the user. Raises LogError or OSError and leaves `output` alone."""
+    reader = LogReader(stream)
+    scenario = parse_scenario(reader.header)
+    batches = reader.batches(run)
+    first = next(batches, None)
+    if first is None:
+        raise LogError(f"the log has no step of run {run}")
+    # In the same directory, so that the rename is one step of the file system.
+    temporary = output.with_name(f".{output.name}.{os.getpid()}.tmp")
+    try:
+        rec = rr.RecordingStream(APPLICATION_ID, recording_id=recording_id(reader.header, run))
+        rec.save(temporary, default_blueprint=blueprint(reader.header, scenario, has_truth=first.error is not None))
+        recorder = Recorder(rec, reader.header, scenario, run)
+        recorder.batch(first)
+        del first
+        for batch in batches:
+            recorder.batch(batch)
+        recorder.finish(reader.end)
+        rec.disconnect()
+        _check_written(temporary)
+        os.replace(temporary, output)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return reader.warnings
+
+
+def _check_written(path: Path) -> None:
+    """rerun writes in a thread of its own, which reports a full disk nowhere: a complete file is known by its footer."""
+    if not path.exists():
+        raise OSError("rerun wrote nothing: is the environment variable RERUN set to off?")
+    from rerun.chunk import RrdReader
+
+    try:
+        RrdReader(path).recordings()
+    except Exception as error:
+        raise OSError(f"the recording could not be written whole: {' '.join(str(error).split())}") from None
+
+
+def _options(arguments: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog=PROGRAM, description="Turns a Meshkal run log into a rerun recording (.rrd).")
+    parser.add_argument("log", help="the log, or - for standard input")
+    parser.add_argument("-o", "--output", required=True, metavar="RUN.rrd", help="the recording to write")
+    parser.add_argument("--run", type=_run_number, default=0, metavar="K", help="which Monte Carlo run (default: 0)")
+    return parser.parse_args(arguments)
+
+
+def _run_number(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise ValueError(text)
+    return value
+
+
+@contextmanager
+def _open(log: str) -> Iterator[BinaryIO]:
+    if log == "-":
+        yield sys.stdin.buffer
+    else:
+        with open(log, "rb") as stream:
+            yield stream
+
+
+@contextmanager
+def _signals(reading_pipe: bool) -> Iterator[None]:
+    """SIGTERM cleans up as Ctrl-C does. In a pipe, Ctrl-C reaches the simulator too, which then ends its log properly: the first
+    one is left to it and what it wrote becomes a recording, the second one stops this program."""
+
+    def first_interrupt(_number: int, _frame: object) -> None:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler), signal.getsignal(signal.SIGINT)
+    if reading_pipe:
+        signal.signal(signal.SIGINT, first_interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before[0])
+        signal.signal(signal.SIGINT, before[1])

@@ -1,0 +1,45 @@
+"""Colours as 0xRRGGBBAA, chosen for rerun's dark background."""
+
+import colorsys
+
+import numpy as np
+
+TRUTH = 0xFFFFFFFF
+SUMMARY = 0xFFFFFFFF
+WORST = 0xFF6B5EFF
+MEDIAN = 0x7FC8FFFF
+REFERENCE = 0xB0B0B0FF
+LINK = 0x50505AFF
+UNKNOWN = 0x808080FF
+
+_GOLDEN_RATIO = 0.6180339887498949
+# Blue, sand, red: ordered for the colour-blind too, and none of them vanishes on a dark background.
+_SCALE = np.array([[66, 135, 245], [245, 222, 150], [226, 48, 40]], dtype=np.float64)
+
+
+def node_colours(count: int) -> np.ndarray:
+    """One colour a node. Golden-ratio hues keep neighbours in number apart, and a node's colour does not depend on `count`."""
+    out = np.empty(count, dtype=np.uint32)
+    for k in range(count):
+        rgb = colorsys.hsv_to_rgb((0.55 + k * _GOLDEN_RATIO) % 1.0, (0.75, 0.5, 0.95)[k % 3], (0.95, 1.0, 0.8)[k % 3])
+        out[k] = _pack(np.array(rgb) * 255.0)
+    return out
+
+
+def with_alpha(colours: np.ndarray, alpha: int) -> np.ndarray:
+    return (np.asarray(colours, dtype=np.uint32) & np.uint32(0xFFFFFF00)) | np.uint32(alpha)
+
+
+def scale_colours(values: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Blue at `low`, red at `high`, grey where the value is NaN."""
+    span = high - low
+    position = np.clip((values - low) / span if span > 0 else np.zeros_like(values), 0.0, 1.0)
+    stops = np.linspace(0.0, 1.0, len(_SCALE))
+    known = ~np.isnan(position)
+    channels = [np.interp(np.where(known, position, 0.0), stops, _SCALE[:, c]) for c in range(3)]
+    return np.where(known, _pack(np.stack(channels)), np.uint32(UNKNOWN)).astype(np.uint32)
+
+
+def _pack(rgb: np.ndarray) -> np.ndarray:
+    r, g, b = np.rint(rgb).astype(np.uint32)
+    return (r << np.uint32(24)) | (g << np.uint32(16)) | (b << np.uint32(8)) | np.uint32(0xFF)

@@ -1,0 +1,98 @@
+"""The quantities of a batch that are drawn: one column an estimator, and what sums up the network. Numbers only, no rerun."""
+
+import warnings
+
+import numpy as np
+
+from .reader import Batch, Header
+
+
+def decibels(values: np.ndarray) -> np.ndarray:
+    """20 log10 of `values`. What has no finite logarithm is NaN, which a plot shows as a gap; an infinity would blank the plot."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return finite(20.0 * np.log10(values))
+
+
+def finite(values: np.ndarray) -> np.ndarray:
+    values = np.asarray(values, dtype=np.float64)
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def root_mean_square(values: np.ndarray) -> np.ndarray:
+    """Over the last axis, leaving NaN out. Scaled by the largest value, so that a diverging node cannot overflow the squares."""
+    largest = quietly(np.nanmax, np.abs(values))
+    scale = np.where(largest > 0, largest, 1.0)
+    with np.errstate(invalid="ignore"):
+        return scale * np.sqrt(quietly(np.nanmean, np.square(values / scale[..., None])))
+
+
+def quietly(function, values: np.ndarray) -> np.ndarray:
+    """A NaN-aware reduction over the last axis, where a row of nothing but NaN is NaN and no warning."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return function(values, axis=-1)
+
+
+def missing(arrived: np.ndarray, header: Header) -> np.ndarray:
+    """How many slots of each estimator stayed empty: (T, slots) to (T, E)."""
+    return np.add.reduceat((arrived == 0).astype(np.int64), header.slot_starts, axis=1)
+
+
+def known_error(batch: Batch) -> np.ndarray | None:
+    """The error, with NaN where no state has a truth: a norm over no states says nothing."""
+    if batch.error is None:
+        return None
+    if batch.truth is None:
+        return batch.error
+    return np.where(np.isfinite(batch.truth).any(axis=1)[:, None], batch.error, np.nan)
+
+
+def per_estimator(batch: Batch, header: Header) -> dict[str, np.ndarray]:
+    """Arrays (T, E) by the name of the quantity."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        nis_ratio = batch.nis.astype(np.float64) / batch.nis_rows
+    quantities = {
+        "theta": finite(batch.theta),
+        "tolerance": finite(batch.tolerance),
+        "nis_ratio": finite(nis_ratio),
+        "trace_covariance": finite(batch.trace_covariance),
+        "missing_measurements": missing(batch.measurements_arrived, header),
+    }
+    if batch.estimates_arrived is not None:
+        quantities["missing_estimates"] = missing(batch.estimates_arrived, header)
+    error = known_error(batch)
+    if error is not None:
+        quantities["error_db"] = decibels(error)
+    return quantities
+
+
+def network(batch: Batch, quantities: dict[str, np.ndarray]) -> dict[str, dict[str, np.ndarray]]:
+    """Arrays (T,) by quantity and by the name of the summary."""
+    summaries = {
+        "theta": _median_and_largest(quantities["theta"]),
+        "tolerance": _median_and_largest(quantities["tolerance"]),
+        "nis_ratio": {"pooled": _pooled_nis(batch)},
+        "trace_covariance": _median_and_largest(quantities["trace_covariance"]),
+    }
+    for key in ("missing_measurements", "missing_estimates"):
+        if key in quantities:
+            summaries[key] = {"total": quantities[key].sum(axis=1)}
+    error = known_error(batch)
+    if error is not None:
+        summaries["error_db"] = {
+            "rms": decibels(root_mean_square(error)),
+            "median": decibels(quietly(np.nanmedian, error)),
+            "worst": decibels(quietly(np.nanmax, error)),
+        }
+    return summaries
+
+
+def _median_and_largest(values: np.ndarray) -> dict[str, np.ndarray]:
+    return {"median": quietly(np.nanmedian, values), "largest": quietly(np.nanmax, values)}
+
+
+def _pooled_nis(batch: Batch) -> np.ndarray:
+    """All innovations of a step over all their degrees of freedom; an estimator whose statistic is not finite counts for neither."""
+    nis = finite(batch.nis)
+    rows = np.where(np.isnan(nis), 0, batch.nis_rows).sum(axis=1)
+    return np.divide(np.nansum(nis, axis=1), rows, out=np.full(len(rows), np.nan), where=rows > 0)

@@ -1,0 +1,296 @@
+"""Reads a run log, item by item, into batches of arrays with time as first axis. The format is port/host/log-format.md."""
+
+import hashlib
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import cbor2
+import numpy as np
+
+FORMAT = "meshkal-log"
+FORMAT_VERSION = 1
+CENTRAL_FILTERS = ("kfc", "rkfc")
+FILTERS = (*CENTRAL_FILTERS, "kfd", "rkfdu", "rkfdnu", "rkfdnu2")
+
+# A batch is bounded by both, so that neither a large network nor a long run grows the memory in use.
+BATCH_BYTES = 32 << 20
+BATCH_STEPS = 4096
+
+# RFC 8746 tags of the little-endian arrays that the format uses.
+_ARRAY_DTYPES = {64: np.dtype("u1"), 70: np.dtype("<u4"), 85: np.dtype("<f4"), 86: np.dtype("<f8")}
+_MAP_MAJOR_TYPE = 5
+
+
+class LogError(Exception):
+    """The input is not a log that this program can read. The message is one line for the user."""
+
+
+class _Cut(Exception):
+    """The input ended inside or between items."""
+
+
+@dataclass(frozen=True)
+class Header:
+    program: str
+    scenario: str
+    scenario_sha256: str
+    filter: str
+    real: str
+    source: str
+    seed: int
+    runs: int
+    steps: int
+    loss: float
+    dt_s: float
+    states: int
+    nodes: int
+    estimators: int
+    rows: tuple[int, ...]
+    slots: tuple[tuple[int, ...], ...]
+
+    @property
+    def central(self) -> bool:
+        return self.filter in CENTRAL_FILTERS
+
+    @property
+    def slot_starts(self) -> np.ndarray:
+        """Where each estimator's slots start in an array over the slots of all estimators."""
+        return np.concatenate(([0], np.cumsum([len(s) for s in self.slots])[:-1])).astype(np.intp)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Consecutive steps of one run: `step` has shape (T,), the others (T, length). What the log leaves out is None."""
+
+    step: np.ndarray
+    measurements: np.ndarray
+    measurements_arrived: np.ndarray
+    estimate: np.ndarray  # (T, E, n)
+    trace_covariance: np.ndarray
+    theta: np.ndarray
+    tolerance: np.ndarray
+    nis: np.ndarray
+    nis_rows: np.ndarray
+    faults: np.ndarray
+    truth: np.ndarray | None
+    error: np.ndarray | None
+    estimates_arrived: np.ndarray | None
+
+
+@dataclass
+class LogReader:
+    """The header is read when the object is made. `batches` then reads the rest once, and leaves `end` and `warnings`."""
+
+    stream: io.BufferedReader
+    header: Header = field(init=False)
+    end: str | None = field(init=False, default=None)  # "complete", "interrupted", or None if the log was cut
+    warnings: list[str] = field(init=False, default_factory=list)
+
+    def __post_init__(self) -> None:
+        first = self.stream.peek(1)[:1]
+        if not first:
+            raise LogError("the input is empty")
+        # A text or binary file of another kind would otherwise be decoded as some accidental CBOR item.
+        if first[0] >> 5 != _MAP_MAJOR_TYPE:
+            raise LogError("not a Meshkal log")
+        self._decoder = cbor2.CBORDecoder(self.stream, tag_hook=_array)
+        self._items = 0
+        try:
+            item = self._next()
+        except _Cut:
+            raise LogError("the input ends inside the header") from None
+        except LogError:
+            raise LogError("not a Meshkal log") from None
+        self.header = _header(item)
+        if hashlib.sha256(self.header.scenario.encode()).hexdigest() != self.header.scenario_sha256:
+            self.warnings.append("the scenario in the log does not match its SHA-256")
+
+    def batches(self, run: int) -> Iterator[Batch]:
+        header = self.header
+        if run >= header.runs:
+            raise LogError(f"run {run} is not in the log, which has {header.runs} (numbered from 0)")
+        lengths = _lengths(header)
+        optional: frozenset[str] | None = None
+        pending: list[dict] = []
+        pending_bytes = 0
+        last_step = -1
+        for item in self._steps():
+            if item["run"] != run:
+                continue
+            where = f"item {self._items} (run {run}, step {item['step']})"
+            pending_bytes += _check_arrays(item, lengths, where)
+            present = frozenset(key for key in _OPTIONAL if key in item)
+            if optional is None:
+                optional = present
+            if present != optional:
+                raise LogError(f"{where}: {', '.join(sorted(present ^ optional))} is in some steps and not in others")
+            if item["step"] <= last_step:
+                raise LogError(f"{where}: comes after step {last_step}")
+            last_step = item["step"]
+            pending.append(item)
+            if len(pending) >= BATCH_STEPS or pending_bytes >= BATCH_BYTES:
+                yield _batch(pending, header)
+                pending, pending_bytes = [], 0
+        if pending:
+            yield _batch(pending, header)
+
+    def _steps(self) -> Iterator[dict]:
+        count = 0
+        while True:
+            try:
+                item = self._next()
+            except _Cut:
+                self.warnings.append(f"the log was cut: it ends after {count} step items, without its end item")
+                return
+            where = f"item {self._items}"
+            if not isinstance(item, dict):
+                raise LogError(f"{where} is not a map")
+            if "end" in item:
+                self._finish(item, count, where)
+                return
+            for key in ("run", "step"):
+                if not _is_unsigned(item.get(key)):
+                    raise LogError(f"{where}: {key} is missing or not an unsigned number")
+            count += 1
+            yield item
+
+    def _finish(self, item: dict, count: int, where: str) -> None:
+        if item["end"] not in ("complete", "interrupted"):
+            raise LogError(f"{where}: end is neither complete nor interrupted")
+        self.end = item["end"]
+        if self.end == "interrupted":
+            self.warnings.append(f"the run was interrupted after {count} step items")
+        if item.get("items") != count:
+            self.warnings.append(f"the end item says {item.get('items')} step items, the log has {count}")
+
+    def _next(self) -> object:
+        try:
+            item = self._decoder.decode()
+        except (cbor2.CBORDecodeEOF, EOFError):
+            raise _Cut from None
+        # Damaged input reaches the decoder's constructors too, which raise whatever they like.
+        except (cbor2.CBORDecodeError, ValueError, TypeError, OverflowError, RecursionError, MemoryError) as error:
+            reason = " ".join(str(error).split())
+            raise LogError(f"item {self._items + 1} is damaged: {reason}") from None
+        self._items += 1
+        return item
+
+
+def _array(_decoder: object, tag: cbor2.CBORTag) -> object:
+    dtype = _ARRAY_DTYPES.get(tag.tag)
+    if dtype is None or not isinstance(tag.value, bytes):
+        return tag
+    return np.frombuffer(tag.value, dtype)
+
+
+def _is_unsigned(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 63
+
+
+def _is_finite_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and bool(np.isfinite(value))
+
+
+def _header(item: object) -> Header:
+    if not isinstance(item, dict) or item.get("format") != FORMAT:
+        raise LogError("not a Meshkal log")
+    version = item.get("format_version")
+    if version != FORMAT_VERSION:
+        raise LogError(f"log format version {version!r} is not supported, only version {FORMAT_VERSION}")
+
+    def take(key: str, valid: object) -> object:
+        if key not in item or not valid(item[key]):
+            raise LogError(f"header: {key} is missing or wrong")
+        return item[key]
+
+    def text(value: object) -> bool:
+        return isinstance(value, str)
+
+    def one_of(*allowed: str) -> object:
+        return lambda value: isinstance(value, str) and value in allowed
+
+    def positive(value: object) -> bool:
+        return _is_unsigned(value) and value > 0
+
+    nodes = take("nodes", positive)
+    estimators = take("estimators", positive)
+    filter_name = take("filter", one_of(*FILTERS))
+    if estimators != (1 if filter_name in CENTRAL_FILTERS else nodes):
+        raise LogError(f"header: {estimators} estimators do not fit filter {filter_name} with {nodes} nodes")
+
+    def rows_valid(value: object) -> bool:
+        return isinstance(value, list) and len(value) == nodes and all(map(_is_unsigned, value))
+
+    def slots_valid(value: object) -> bool:
+        return (
+            isinstance(value, list)
+            and len(value) == estimators
+            and all(isinstance(s, list) and s and all(_is_unsigned(node) and node < nodes for node in s) for s in value)
+        )
+
+    return Header(
+        program=take("program", text),
+        scenario=take("scenario", text),
+        scenario_sha256=take("scenario_sha256", text),
+        filter=filter_name,
+        real=take("real", one_of("float64", "float32")),
+        source=take("source", one_of("drawn", "recorded")),
+        seed=take("seed", lambda value: isinstance(value, int)),
+        runs=take("runs", positive),
+        steps=take("steps", _is_unsigned),
+        loss=take("loss", _is_finite_number),
+        dt_s=take("dt_s", lambda value: _is_finite_number(value) and value > 0),
+        states=take("states", positive),
+        nodes=nodes,
+        estimators=estimators,
+        rows=tuple(take("rows", rows_valid)),
+        slots=tuple(tuple(s) for s in take("slots", slots_valid)),
+    )
+
+
+_OPTIONAL = ("truth", "error", "estimates_arrived")
+
+
+def _lengths(header: Header) -> dict[str, tuple[np.dtype, int]]:
+    real = np.dtype("<f8" if header.real == "float64" else "<f4")
+    double, byte, word = np.dtype("<f8"), np.dtype("u1"), np.dtype("<u4")
+    e = header.estimators
+    slots = sum(len(s) for s in header.slots)
+    return {
+        "truth": (double, header.states),
+        "measurements": (double, sum(header.rows)),
+        "measurements_arrived": (byte, slots),
+        "estimates_arrived": (byte, slots),
+        "estimate": (real, e * header.states),
+        "error": (double, e),
+        "trace_covariance": (real, e),
+        "theta": (real, e),
+        "tolerance": (real, e),
+        "nis": (real, e),
+        "nis_rows": (word, e),
+        "faults": (word, e),
+    }
+
+
+def _check_arrays(item: dict, lengths: dict[str, tuple[np.dtype, int]], where: str) -> int:
+    size = 0
+    for key, (dtype, length) in lengths.items():
+        value = item.get(key)
+        if value is None and key in _OPTIONAL:
+            continue
+        if not isinstance(value, np.ndarray) or value.dtype != dtype:
+            raise LogError(f"{where}: {key} is missing or not an array of {dtype.name}")
+        if len(value) != length:
+            raise LogError(f"{where}: {key} has {len(value)} numbers instead of {length}")
+        size += value.nbytes
+    return size
+
+
+def _batch(items: list[dict], header: Header) -> Batch:
+    def stack(key: str) -> np.ndarray | None:
+        return np.stack([item[key] for item in items]) if key in items[0] else None
+
+    arrays = {key: stack(key) for key in _lengths(header)}
+    arrays["estimate"] = arrays["estimate"].reshape(len(items), header.estimators, header.states)
+    return Batch(step=np.array([item["step"] for item in items], dtype=np.int64), **arrays)

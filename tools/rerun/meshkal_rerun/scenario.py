@@ -1,0 +1,82 @@
+"""What the recording needs from the scenario JSON that a log's header carries: a name, and what is where."""
+
+import json
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .reader import Header, LogError
+
+
+@dataclass(frozen=True)
+class Scenario:
+    name: str
+    node_positions_m: np.ndarray | None  # (N, 3); None unless every node has one
+    position_states: tuple[int, ...] | None  # 2 or 3 indices into the state
+    tolerance: str
+    weights: str
+
+
+def parse_scenario(header: Header) -> Scenario:
+    try:
+        document = json.loads(header.scenario)
+    except (ValueError, RecursionError) as error:
+        raise LogError(f"header: the scenario is not JSON: {error}") from None
+    if not isinstance(document, dict):
+        raise LogError("header: the scenario is not a JSON object")
+    model = document.get("model")
+    return Scenario(
+        name=str(document.get("name") or "unnamed"),
+        node_positions_m=_node_positions(document.get("nodes"), header.nodes),
+        position_states=_position_states(model.get("position_states") if isinstance(model, dict) else None, header.states),
+        tolerance=_short(document.get("tolerance")),
+        weights=_short(document.get("weights")),
+    )
+
+
+def positions_of(states: np.ndarray, position_states: tuple[int, ...]) -> np.ndarray:
+    """The positions in `states` (..., n) as (..., 3) for the scene; two coordinates lie in the plane z = 0."""
+    out = np.zeros((*states.shape[:-1], 3), dtype=np.float32)
+    # A diverged estimate may exceed float32; infinity is then the honest value.
+    with np.errstate(over="ignore"):
+        out[..., : len(position_states)] = states[..., list(position_states)]
+    return out
+
+
+def _node_positions(nodes: object, count: int) -> np.ndarray | None:
+    if not isinstance(nodes, list) or len(nodes) != count:
+        return None
+    positions = np.zeros((count, 3))
+    for row, node in zip(positions, nodes):
+        position = node.get("position_m") if isinstance(node, dict) else None
+        if position is None:
+            return None
+        if not isinstance(position, list) or len(position) not in (2, 3) or not all(map(_is_number, position)):
+            raise LogError("scenario: position_m of a node is not a list of 2 or 3 numbers")
+        row[: len(position)] = position
+    return positions
+
+
+def _position_states(indices: object, states: int) -> tuple[int, ...] | None:
+    if indices is None:
+        return None
+    valid = isinstance(indices, list) and len(indices) in (2, 3) and all(type(i) is int and 0 <= i < states for i in indices)
+    if not valid:
+        raise LogError(f"scenario: model.position_states is not a list of 2 or 3 states from 0 to {states - 1}")
+    return tuple(indices)
+
+
+def _is_number(value: object) -> bool:
+    return type(value) in (int, float) and math.isfinite(value)
+
+
+def _short(value: object) -> str:
+    """A value for one line of a table: a full matrix or list would bury the rest."""
+    if value is None:
+        return ""
+    if isinstance(value, list):
+        return f"list of {len(value)}"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_short(item)}" for key, item in value.items())
+    return f"{value:g}" if isinstance(value, float) else str(value)

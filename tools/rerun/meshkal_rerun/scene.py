@@ -1,0 +1,82 @@
+"""The 3-D scene: truth and its trail, the estimates, spheres for their uncertainty, the sensors and their links."""
+
+import numpy as np
+import rerun as rr
+
+from . import colours
+from .reader import Batch, Header
+from .scenario import Scenario, positions_of
+
+TRAIL_STEPS = 60
+
+# The log has only the trace of a covariance, which mixes all states: the sphere hints at a size and claims no more.
+SPHERES = "scene/spheres_indicating_3_sigma"
+
+
+class Scene:
+    def __init__(
+        self, rec: rr.RecordingStream, header: Header, scenario: Scenario, names: list[str], node_colours: np.ndarray
+    ) -> None:
+        self._rec = rec
+        self._states = header.states
+        self._position_states = scenario.position_states
+        self._path: list[np.ndarray] = []  # every known true position, for the whole path
+        self._recent = np.zeros((0, 3), dtype=np.float32)  # the last of them, for the trail
+        # Negative radii are sizes on the screen, which suit any scale of the scene.
+        self._style("scene/estimates", rr.Points3D, colors=node_colours, labels=names, show_labels=False, radii=-4.0)
+        faint = colours.with_alpha(node_colours, 90)
+        self._style(SPHERES, rr.Ellipsoids3D, colors=faint, labels=names, show_labels=False, line_radii=-0.4)
+        self._sensors(header, scenario)
+
+    def _sensors(self, header: Header, scenario: Scenario) -> None:
+        positions = scenario.node_positions_m
+        if positions is None:
+            return
+        labels = [f"sensor {k}" for k in range(header.nodes)]
+        self._rec.log(
+            "scene/sensors",
+            rr.Points3D(positions, colors=colours.REFERENCE, radii=-5.0, labels=labels, show_labels=header.nodes <= 40),
+            static=True,
+        )
+        if not header.central:
+            links = sorted({(min(k, j), max(k, j)) for k, slots in enumerate(header.slots) for j in slots if j != k})
+            strips = [positions[list(link)] for link in links]
+            self._rec.log("scene/links", rr.LineStrips3D(strips, colors=colours.LINK, radii=-0.5), static=True)
+
+    def batch(self, times: list, batch: Batch) -> None:
+        count, estimators = batch.estimate.shape[:2]
+        each = np.full(count, estimators)
+        centers = positions_of(batch.estimate, self._position_states).reshape(-1, 3)
+        self._rec.send_columns("scene/estimates", times, rr.Points3D.columns(positions=centers).partition(each))
+
+        with np.errstate(invalid="ignore"):
+            radii = 3.0 * np.sqrt(batch.trace_covariance.astype(np.float64) / self._states)
+        half_sizes = np.repeat(radii.astype(np.float32).reshape(-1, 1), 3, axis=1)
+        self._rec.send_columns(SPHERES, times, rr.Ellipsoids3D.columns(centers=centers, half_sizes=half_sizes).partition(each))
+
+        if batch.truth is not None:
+            self._truth(times, positions_of(batch.truth, self._position_states))
+
+    def _truth(self, times: list, positions: np.ndarray) -> None:
+        if not self._path:
+            self._style("scene/truth", rr.Points3D, colors=colours.TRUTH, radii=-7.0, labels="truth", show_labels=True)
+            self._style("scene/truth_trail", rr.LineStrips3D, colors=colours.TRUTH, radii=-1.5)
+        known = np.isfinite(positions).all(axis=1)
+        # An empty row, not a missing one: otherwise the last known truth would stay in the picture.
+        columns = rr.Points3D.columns(positions=positions[known]).partition(known.astype(np.int64))
+        self._rec.send_columns("scene/truth", times, columns)
+
+        points = np.concatenate([self._recent, positions[known]])
+        ends = len(self._recent) + np.cumsum(known)
+        strips = [points[max(0, end - TRAIL_STEPS) : end] for end in ends]
+        self._rec.send_columns("scene/truth_trail", times, rr.LineStrips3D.columns(strips=strips))
+        self._recent = points[-TRAIL_STEPS:]
+        self._path.append(positions[known])
+
+    def finish(self) -> None:
+        if self._path:
+            path = np.concatenate(self._path)
+            self._rec.log("scene/truth_path", rr.LineStrips3D([path], colors=colours.LINK, radii=-0.5), static=True)
+
+    def _style(self, path: str, archetype: type, **fields: object) -> None:
+        self._rec.log(path, archetype.from_fields(**fields), static=True)

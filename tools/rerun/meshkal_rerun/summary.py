@@ -1,0 +1,132 @@
+"""The text panel: what ran, how it went, and how to read the pictures."""
+
+import numpy as np
+
+from . import derive
+from .reader import Batch, Header
+from .scenario import Scenario
+
+_FILTER_NAMES = {
+    "kfc": "central Kalman filter",
+    "rkfc": "central robust Kalman filter",
+    "kfd": "distributed Kalman filter",
+    "rkfdu": "distributed robust Kalman filter, one tolerance for all nodes",
+    "rkfdnu": "distributed robust Kalman filter, local tolerances sent at every step",
+    "rkfdnu2": "distributed robust Kalman filter, local steady-state tolerances stored in the nodes",
+}
+
+
+class Summary:
+    def __init__(self, header: Header, scenario: Scenario, run: int, names: list[str]) -> None:
+        self._header, self._scenario, self._run, self._names = header, scenario, run, names
+        self._steps = 0
+        self._last_step = 0
+        self._missing = {"measurements": 0.0, "estimates": 0.0}
+        self._slots = sum(len(s) for s in header.slots)
+        self._fault_entries = 0
+        self._nis = np.zeros(2)
+        self._squares = np.zeros(header.estimators)
+        self._known = np.zeros(header.estimators)
+        self._last_rms_db: float | None = None
+        self._has_estimates_arrived = False
+
+    def batch(self, batch: Batch, quantities: dict, network: dict, fault_entries: int) -> None:
+        self._steps += len(batch.step)
+        self._last_step = int(batch.step[-1])
+        self._fault_entries += fault_entries
+        for what in self._missing:
+            if f"missing_{what}" in quantities:
+                self._missing[what] += float(quantities[f"missing_{what}"].sum())
+        self._has_estimates_arrived = "missing_estimates" in quantities
+        nis = derive.finite(batch.nis)
+        self._nis += (np.nansum(nis), np.where(np.isnan(nis), 0, batch.nis_rows).sum())
+        error = derive.known_error(batch)
+        if error is not None:
+            known = np.isfinite(error)
+            # A diverged run may overflow; an infinite mean is then what happened.
+            with np.errstate(over="ignore"):
+                self._squares += np.square(np.where(known, error, 0.0)).sum(axis=0)
+            self._known += known.sum(axis=0)
+            self._last_rms_db = float(network["error_db"]["rms"][-1])
+
+    def text(self, end: str | None, colour_range: tuple[float, float] | None) -> str:
+        return "\n\n".join([self._title(), _table(self._result(end)), _table(self._facts()), self._legend(colour_range)])
+
+    def _title(self) -> str:
+        return f"# {self._scenario.name}\n\n{_FILTER_NAMES[self._header.filter]} (`{self._header.filter}`)"
+
+    def _result(self, end: str | None) -> list[tuple[str, str]]:
+        rows = []
+        if self._known.any():
+            with np.errstate(divide="ignore", invalid="ignore"):
+                each = self._squares / self._known
+            total = self._squares.sum() / self._known.sum()
+            rows.append(("RMS error, all nodes and steps", _db(total)))
+            rows.append(("RMS error, last step", "unknown" if np.isnan(self._last_rms_db) else f"{self._last_rms_db:.1f} dB"))
+            if self._header.estimators > 1:
+                best, worst = int(np.nanargmin(each)), int(np.nanargmax(each))
+                rows.append(("best and worst node", f"{self._names[best]}: {_db(each[best])}, {self._names[worst]}: {_db(each[worst])}"))
+        else:
+            rows.append(("error", "no truth in the log"))
+        if self._nis[1] > 0:
+            rows.append(("mean test quantity (expected 1)", f"{self._nis[0] / self._nis[1]:.2f}"))
+        rows.append(("measurements missing", self._share("measurements")))
+        if self._has_estimates_arrived:
+            rows.append(("estimates missing", self._share("estimates")))
+        rows.append(("fault entries", str(self._fault_entries)))
+        state = {"complete": "complete", "interrupted": "run was interrupted", None: "**cut: the end is missing**"}[end]
+        rows.append(("log", f"{state}, {self._steps} steps, to step {self._last_step}"))
+        return rows
+
+    def _share(self, what: str) -> str:
+        return f"{100.0 * self._missing[what] / (self._slots * self._steps):.1f} %"
+
+    def _facts(self) -> list[tuple[str, str]]:
+        header, scenario = self._header, self._scenario
+        links = sum(len(s) for s in header.slots) - header.estimators
+        rows = [
+            ("nodes", str(header.nodes)),
+            ("estimators", f"{header.estimators} (central)" if header.central else f"{header.estimators} (one a node)"),
+            ("states", str(header.states)),
+            ("measured rows", str(sum(header.rows))),
+            ("neighbours a node, mean", f"{links / header.nodes:.1f}" if not header.central else "none: all listen to the centre"),
+            ("time step", f"{header.dt_s:g} s"),
+            ("run", f"{self._run} of {header.runs} (from 0), {header.steps} steps asked for"),
+            ("seed, message loss", f"{header.seed}, {header.loss:g}"),
+            ("data", "drawn from the model" if header.source == "drawn" else "recorded"),
+            ("arithmetic", header.real),
+            ("tolerance", scenario.tolerance),
+            ("weights", scenario.weights),
+            ("program", header.program),
+            ("scenario SHA-256", f"`{header.scenario_sha256[:16]}`"),
+        ]
+        return [row for row in rows if row[1]]
+
+    def _legend(self, colour_range: tuple[float, float] | None) -> str:
+        what = "error" if self._known.any() else "10 log10 of the test quantity (there is no truth)"
+        lines = ["### How to read it"]
+        if colour_range:
+            low, high = colour_range
+            lines.append(f"- Network: blue {low:.0f} dB or less, red {high:.0f} dB or more; {what}. Grey: unknown.")
+        lines += [
+            "- Error in dB: 20 log10 of the norm of (truth - estimate); -20 dB is a tenth. A gap: zero, unknown or infinite.",
+            "- Test quantity: squared normalised innovation over its degrees of freedom. Around 1: the node's model fits.",
+            "- theta is 0 where a filter is not robust. Tolerance: twice the Kullback-Leibler divergence, in nats.",
+        ]
+        if self._scenario.position_states:
+            lines.append(
+                "- Spheres: radius 3 sqrt(trace V / states). An indication only: the trace mixes positions with other states, "
+                "and V is the node's own covariance, not that of its error."
+            )
+        return "\n".join(lines)
+
+
+def _db(mean_square: float) -> str:
+    with np.errstate(divide="ignore"):
+        return f"{10.0 * np.log10(mean_square):.1f} dB"
+
+
+def _table(rows: list[tuple[str, str]]) -> str:
+    lines = ["| | |", "|---|---|"]
+    lines += [f"| {name} | {value} |" for name, value in rows]
+    return "\n".join(lines)
