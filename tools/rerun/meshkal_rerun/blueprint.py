@@ -1,26 +1,31 @@
 """What the viewer shows when a recording is opened: everything of importance without a click."""
 
 import rerun.blueprint as rrb
+from rerun.blueprint.encodings import TextLogColumn
 
-from .reader import Header
+from .reader import Batch, Header
 from .scenario import Scenario
-from .scene import SPHERES
+from .scene import SPHERES, viewpoint
 
 # The viewer draws a hundred lines in a plot at ease, and a thousand not.
 DRAWN_NODES = 100
 _LEGEND_NODES = 8
 _STATE_PLOTS = 9
+_FAULT_COLUMNS = [TextLogColumn("loglevel", visible=True), TextLogColumn("body", visible=True)]
 
 
-def blueprint(header: Header, scenario: Scenario, *, has_truth: bool) -> rrb.Blueprint:
+def blueprint(header: Header, scenario: Scenario, first: Batch) -> rrb.Blueprint:
+    """`first` is the first batch: it tells whether there is a truth, and where the scene is."""
+    has_truth = first.error is not None
     few = header.estimators <= DRAWN_NODES
     tabs = [
-        _overview(header, scenario, has_truth=has_truth, few=few),
-        _grid_tab(_consistency(header, few=few), "Consistency and losses"),
+        _overview(header, scenario, first, few=few),
+        _grid_tab(_consistency(header), "Consistency and losses"),
         _grid_tab(_states(header, has_truth=has_truth, few=few), "States"),
     ]
     if header.nodes <= DRAWN_NODES:
-        tabs.append(_plot("measurement", "Measurements of each node, in the units of the model", few=True, legend=False))
+        name = "Measurements of each node, in the units of the model"
+        tabs.append(rrb.TimeSeriesView(origin="measurement", name=name, plot_legend=_legend(False), axis_x=_time_axis(header)))
     return rrb.Blueprint(
         rrb.Tabs(*tabs, active_tab=0),
         rrb.BlueprintPanel(state="collapsed"),
@@ -32,26 +37,27 @@ def blueprint(header: Header, scenario: Scenario, *, has_truth: bool) -> rrb.Blu
     )
 
 
-def _overview(header: Header, scenario: Scenario, *, has_truth: bool, few: bool) -> rrb.Horizontal:
-    legend = header.estimators <= _LEGEND_NODES
-    every = "of each node" if few and not header.central else "over the network" if not few else "of the centre"
-    plots = [
-        _plot("theta", f"Risk sensitivity theta {every}", few=few, legend=legend),
-        _plot("tolerance", f"Tolerance c {every}, nats", few=few, legend=legend),
-    ]
+def _overview(header: Header, scenario: Scenario, first: Batch, *, few: bool) -> rrb.Horizontal:
+    has_truth = first.error is not None
+    legend = 1 < header.estimators <= _LEGEND_NODES
+    every = "of the centre" if header.central else "of each node" if few else "over the network"
     if has_truth:
-        name = f"Error {every}, dB" + (" (white: RMS over the network)" if header.estimators > 1 else "")
-        plots.insert(0, _plot("error_db", name, few=few, legend=True if not few else legend))
+        name = f"Error {every}, dB" + (" (white: RMS over the network)" if header.estimators > 1 and few else "")
+        plots = [_plot(header, "error_db", name, summary="rms", legend=legend or not few)]
     else:
-        plots.insert(0, _plot("nis_ratio", f"Test quantity {every}, 1 = as expected (no truth: no error)", few=few, legend=legend))
+        name = f"Test quantity {every}, 1 = as expected (no truth, so no error)"
+        plots = [_plot(header, "nis_ratio", name, summary="pooled", legend=legend or not few)]
+    plots += [
+        _plot(header, "theta", f"Risk sensitivity theta {every}"),
+        _plot(header, "tolerance", f"Tolerance c {every}, nats", axis=_tolerance_axis(first)),
+    ]
     colour = "error" if has_truth else "test quantity"
-    graph = rrb.GraphView(origin="network", name=f"Network, colour: {colour} from blue (small) to red (large)")
-    pictures = [graph]
+    pictures = [rrb.GraphView(origin="network", name=f"Network, colour: {colour} from blue (small) to red (large)")]
     if scenario.position_states:
-        pictures.insert(0, _scene(few=few, has_truth=has_truth))
+        pictures.insert(0, _scene(scenario, first, few=few))
     text = rrb.Vertical(
         rrb.TextDocumentView(origin="summary", name="Summary"),
-        rrb.TextLogView(origin="faults", name="Faults"),
+        rrb.TextLogView(origin="faults", name="Faults", columns=rrb.TextLogColumns(text_log_columns=_FAULT_COLUMNS)),
         row_shares=[4, 1],
     )
     return rrb.Horizontal(
@@ -63,20 +69,37 @@ def _overview(header: Header, scenario: Scenario, *, has_truth: bool, few: bool)
     )
 
 
-def _scene(*, few: bool, has_truth: bool) -> rrb.Spatial3DView:
+def _scene(scenario: Scenario, first: Batch, *, few: bool) -> rrb.Spatial3DView:
     contents = ["$origin/**"] if few else ["$origin/**", f"- /{SPHERES}"]
-    name = "Position, m: " + ("truth (white) and " if has_truth else "") + "estimates of the nodes (coloured)"
-    return rrb.Spatial3DView(origin="scene", contents=contents, name=name)
+    name = "Position, m: " + ("truth (white), " if first.truth is not None else "") + "estimates (coloured), sensors (grey)"
+    eye, target = viewpoint(scenario, first)
+    camera = rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0))
+    return rrb.Spatial3DView(origin="scene", contents=contents, name=name, eye_controls=camera)
 
 
-def _consistency(header: Header, *, few: bool) -> list[rrb.View]:
+def _time_axis(header: Header) -> rrb.TimeAxis:
+    """The whole run. A viewer that follows the end would otherwise show the last part of a long run only."""
+    end = rrb.TimeRangeBoundary.absolute(seconds=max(header.steps, 1) * header.dt_s)
+    return rrb.TimeAxis(view_range=rrb.TimeRange(start=rrb.TimeRangeBoundary.absolute(seconds=0.0), end=end))
+
+
+def _tolerance_axis(first: Batch) -> rrb.ScalarAxis | None:
+    """The viewer draws a lone constant on an axis from -1 to 1, where a tolerance looks like nothing."""
+    low, high = float(first.tolerance.min()), float(first.tolerance.max())
+    return rrb.ScalarAxis(range=(0.0, 1.5 * high)) if 0.0 < low == high < float("inf") else None
+
+
+def _consistency(header: Header) -> list[rrb.View]:
+    several = header.estimators > 1
+    name = "Test quantity: squared normalised innovation / degrees of freedom, 1 = as expected"
+    together = " (white: all nodes together)" if several else ""
     plots = [
-        _plot("nis_ratio", "Test quantity: squared normalised innovation / degrees of freedom (1 = as expected)", few=few),
-        _plot("trace_covariance", "Trace of the covariance V", few=few),
-        _plot("missing_measurements", "Missing measurements (white: all nodes together)", few=few),
+        _plot(header, "nis_ratio", name, summary="pooled"),
+        _plot(header, "trace_covariance", "Trace of the covariance V"),
+        _plot(header, "missing_measurements", "Missing measurements" + together, summary="total"),
     ]
     if not header.central:
-        plots.append(_plot("missing_estimates", "Missing estimates (white: all nodes together)", few=few))
+        plots.append(_plot(header, "missing_estimates", "Missing estimates" + together, summary="total"))
     return plots
 
 
@@ -87,7 +110,7 @@ def _states(header: Header, *, has_truth: bool, few: bool) -> list[rrb.View]:
         if has_truth:
             wanted.append("$origin/truth")
         name = f"State {i}" + (" (white: truth)" if has_truth else "")
-        plots.append(rrb.TimeSeriesView(origin=f"state/{i}", contents=wanted, name=name, plot_legend=_legend(not few)))
+        plots.append(rrb.TimeSeriesView(origin=f"state/{i}", contents=wanted, name=name, plot_legend=_legend(not few), axis_x=_time_axis(header)))
     return plots
 
 
@@ -95,9 +118,24 @@ def _grid_tab(views: list[rrb.View], name: str) -> rrb.Grid:
     return rrb.Grid(*views, name=name, grid_columns=1 if len(views) <= 2 else 2 if len(views) <= 6 else 3)
 
 
-def _plot(quantity: str, name: str, *, few: bool, legend: bool | None = None) -> rrb.TimeSeriesView:
-    contents = ["$origin/**"] if few else ["$origin/network/**", "$origin/expected"]
-    return rrb.TimeSeriesView(origin=quantity, contents=contents, name=name, plot_legend=_legend(not few if legend is None else legend))
+def _plot(
+    header: Header,
+    quantity: str,
+    name: str,
+    *,
+    summary: str | None = None,
+    legend: bool | None = None,
+    axis: rrb.ScalarAxis | None = None,
+) -> rrb.TimeSeriesView:
+    """All estimators with one summary of the network, or only summaries if they are too many."""
+    few = header.estimators <= DRAWN_NODES
+    contents = ["$origin/node/**", "$origin/centre"] if few else ["$origin/network/**"]
+    if few and summary and header.estimators > 1:
+        contents.append(f"$origin/network/{summary}")
+    if quantity == "nis_ratio":
+        contents.append("$origin/expected")
+    shown = _legend(not few if legend is None else legend)
+    return rrb.TimeSeriesView(origin=quantity, contents=contents, name=name, plot_legend=shown, axis_x=_time_axis(header), axis_y=axis)
 
 
 def _legend(visible: bool) -> rrb.PlotLegend:

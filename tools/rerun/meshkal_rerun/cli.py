@@ -4,12 +4,14 @@ import argparse
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
 import rerun as rr
+from rerun.chunk import RrdReader
 
 from .blueprint import blueprint
 from .reader import LogError, LogReader
@@ -27,14 +29,17 @@ def main(arguments: list[str] | None = None) -> int:
     rr.set_strict_mode(True)
     try:
         with _signals(options.log == "-"), _open(options.log) as stream:
-            warnings = convert(stream, Path(options.output), options.run)
+            remarks = convert(stream, Path(options.output), options.run)
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
-    except (LogError, OSError) as error:
+    except LogError as error:
         print(f"{PROGRAM}: {options.log}: {error}", file=sys.stderr)
         return EXIT_BAD
-    for warning in warnings:
-        print(f"{PROGRAM}: {options.log}: warning: {warning}", file=sys.stderr)
+    except OSError as error:
+        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        return EXIT_BAD
+    for remark in remarks:
+        print(f"{PROGRAM}: {options.log}: warning: {remark}", file=sys.stderr)
     return 0
 
 
@@ -46,35 +51,41 @@ def convert(stream: BinaryIO, output: Path, run: int) -> list[str]:
     first = next(batches, None)
     if first is None:
         raise LogError(f"the log has no step of run {run}")
+    if output.is_dir():
+        raise IsADirectoryError(f"{output} is a directory")
+    rec = rr.RecordingStream(APPLICATION_ID, recording_id=recording_id(reader.header, run))
+    if not rec.is_enabled():
+        raise OSError("rerun is switched off by the environment variable RERUN")
     # In the same directory, so that the rename is one step of the file system.
     temporary = output.with_name(f".{output.name}.{os.getpid()}.tmp")
+    # Where the file cannot be made, Python says so more clearly than rerun.
+    temporary.touch()
     try:
-        rec = rr.RecordingStream(APPLICATION_ID, recording_id=recording_id(reader.header, run))
-        rec.save(temporary, default_blueprint=blueprint(reader.header, scenario, has_truth=first.error is not None))
-        recorder = Recorder(rec, reader.header, scenario, run)
-        recorder.batch(first)
-        del first
-        for batch in batches:
-            recorder.batch(batch)
-        recorder.finish(reader.end)
-        rec.disconnect()
-        _check_written(temporary)
+        rec.save(temporary, default_blueprint=blueprint(reader.header, scenario, first))
+        try:
+            recorder = Recorder(rec, reader.header, scenario, run)
+            recorder.batch(first)
+            del first
+            for batch in batches:
+                recorder.batch(batch)
+            recorder.finish(reader.end)
+        finally:
+            rec.disconnect()
+        _check_whole(temporary)
         os.replace(temporary, output)
     finally:
         temporary.unlink(missing_ok=True)
     return reader.warnings
 
 
-def _check_written(path: Path) -> None:
-    """rerun writes in a thread of its own, which reports a full disk nowhere: a complete file is known by its footer."""
-    if not path.exists():
-        raise OSError("rerun wrote nothing: is the environment variable RERUN set to off?")
-    from rerun.chunk import RrdReader
-
+def _check_whole(path: Path) -> None:
+    """rerun writes in a thread of its own, which only prints that a disk is full. The footer, written last, tells a whole file."""
     try:
-        RrdReader(path).recordings()
-    except Exception as error:
-        raise OSError(f"the recording could not be written whole: {' '.join(str(error).split())}") from None
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            RrdReader(path).recordings()
+    except Exception:
+        raise OSError("the recording could not be written whole (is the disk full?)") from None
 
 
 def _options(arguments: list[str] | None) -> argparse.Namespace:
@@ -86,10 +97,9 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def _run_number(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise ValueError(text)
-    return value
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a run number")
+    return int(text)
 
 
 @contextmanager

@@ -9,11 +9,13 @@ from . import colours
 from .reader import Header
 from .scenario import Scenario
 
-ENTITY = "network"
-# Text in a graph view has a fixed size in the units of the positions, so positions are scaled until labels fit between nodes.
-SPACING = 90.0
+NODES = "network/nodes"
+LABELS = "network/labels"
+# A graph view measures text and discs in the units of the positions, so positions are scaled until labels fit between nodes.
+SPACING = 130.0
+_RADIUS = 14.0
 _LABELLED_NODES = 60
-_LAID_OUT_NODES = 100
+_VALUED_NODES = 24  # with the value beside the number: longer, so for fewer
 _ROWS_A_SEND = 4096
 
 
@@ -26,18 +28,25 @@ class NetworkGraph:
         self._values: list[np.ndarray] = []
         self._central = header.central
         self._nodes = header.nodes
-        self._labels = [str(k) for k in range(header.nodes)] + (["centre"] if header.central else [])
+        self._names = [str(k) for k in range(header.nodes)] + (["centre"] if header.central else [])
+        self._valued = header.nodes <= _VALUED_NODES
         edges, directed = graph_edges(header)
         positions = graph_positions(scenario.node_positions_m, header)
-        radii = np.full(len(self._labels), 12.0 if header.nodes <= _LABELLED_NODES else 25.0)
         rec.log(
-            ENTITY,
+            NODES,
             rr.GraphNodes.from_fields(
-                node_ids=self._labels, labels=self._labels, positions=positions, radii=radii, show_labels=header.nodes <= _LABELLED_NODES
+                node_ids=self._names, positions=positions, radii=np.full(len(positions), _RADIUS), labels=self._names, show_labels=False
             ),
-            rr.GraphEdges([(self._labels[i], self._labels[j]) for i, j in edges], graph_type="directed" if directed else "undirected"),
+            rr.GraphEdges([(self._names[i], self._names[j]) for i, j in edges], graph_type="directed" if directed else "undirected"),
             static=True,
         )
+        if header.nodes <= _LABELLED_NODES:
+            # The view draws a node as a disc or as a text. Nodes of their own for the texts give both.
+            ids = [f"label {name}" for name in self._names]
+            below = positions + (0.0, 2.3 * _RADIUS)
+            # Static data would hide the labels that come with the values.
+            labels = None if self._valued else self._names
+            rec.log(LABELS, rr.GraphNodes.from_fields(node_ids=ids, positions=below, labels=labels, show_labels=True), static=True)
 
     def batch(self, step: np.ndarray, quantities: dict[str, np.ndarray]) -> None:
         """Without a truth there is no error; how far the innovations exceed what a node expects stands in for it, in dB too."""
@@ -53,11 +62,8 @@ class NetworkGraph:
         """Sends the colours and returns the dB values of blue and red."""
         values = np.concatenate(self._values)
         known = values[np.isfinite(values)]
-        if len(known) == 0:
-            low = high = 0.0
-        else:
-            # The extremes are left out: one start-up transient would otherwise paint the rest in one colour.
-            low, high = (float(q) for q in np.percentile(known, [2, 98]))
+        # The extremes are left out: one start-up transient would otherwise paint the rest in one colour.
+        low, high = (float(q) for q in np.percentile(known, [10, 90])) if len(known) else (0.0, 0.0)
         step = np.concatenate(self._steps)
         for first in range(0, len(step), _ROWS_A_SEND):
             part = slice(first, first + _ROWS_A_SEND)
@@ -65,19 +71,20 @@ class NetworkGraph:
         return (low, high) if len(known) else None
 
     def _send(self, times: list, values: np.ndarray, low: float, high: float) -> None:
+        each = np.full(len(values), len(self._names))
         painted = scale(values, low, high)
         if self._central:
             sensors = np.full((len(painted), self._nodes), colours.REFERENCE, dtype=np.uint32)
             painted = np.concatenate([sensors, painted], axis=1)
-        fields = {"colors": painted.reshape(-1)}
-        if len(self._labels) <= _LABELLED_NODES:
-            texts = np.char.mod("%.1f dB", values)
-            texts[~np.isfinite(values)] = "?"
-            if self._central:
-                texts = np.concatenate([np.full((len(values), self._nodes), ""), texts], axis=1)
-            fields["labels"] = [f"{name}: {text}" if text else name for row in texts for name, text in zip(self._labels, row)]
-        columns = rr.GraphNodes.columns(**fields).partition(np.full(len(values), len(self._labels)))
-        self._rec.send_columns(ENTITY, times, columns)
+        self._rec.send_columns(NODES, times, rr.GraphNodes.columns(colors=painted.reshape(-1)).partition(each))
+        if self._valued:
+            texts = [name for row in values for name in self._texts(row)]
+            self._rec.send_columns(LABELS, times, rr.GraphNodes.columns(labels=texts).partition(each))
+
+    def _texts(self, row: np.ndarray) -> list[str]:
+        shown = [f"{value:z.1f} dB" if np.isfinite(value) else "?" for value in row]
+        plain = self._names[: len(self._names) - len(shown)]
+        return plain + [f"{name}: {value}" for name, value in zip(self._names[len(plain) :], shown)]
 
 
 def scale(values: np.ndarray, low: float, high: float) -> np.ndarray:
@@ -94,20 +101,19 @@ def graph_edges(header: Header) -> tuple[list[tuple[int, int]], bool]:
     return sorted(heard), True
 
 
-def graph_positions(positions_m: np.ndarray | None, header: Header) -> np.ndarray | None:
-    """The nodes' x and y, scaled for the view, whose y points down. None leaves the layout of a small network to the viewer."""
+def graph_positions(positions_m: np.ndarray | None, header: Header) -> np.ndarray:
+    """The nodes' x and y, scaled for the view, whose y points down; a circle if they have none. The centre comes last."""
     if positions_m is None:
-        if header.nodes <= _LAID_OUT_NODES:
-            return None
-        # The viewer's own layout takes too long for many nodes.
         angle = 2.0 * np.pi * np.arange(header.nodes) / header.nodes
-        plane = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        plane = np.stack([np.sin(angle), -np.cos(angle)], axis=1)
     else:
         plane = positions_m[:, :2] * (1.0, -1.0)
     low, high = plane.min(axis=0), plane.max(axis=0)
     extent = (high - low).max()
-    plane = (plane - low) * (SPACING * np.sqrt(header.nodes) / extent if extent > 0 else 1.0)
+    plane = (plane - low) * (SPACING * max(2.0, np.sqrt(header.nodes)) / extent if extent > 0 else 1.0)
     if header.central:
-        # Beside the network, not within: the lines of the star then stay apart from the nodes.
-        plane = np.vstack([plane, [[plane[:, 0].mean(), plane[:, 1].min() - SPACING * max(1.0, np.sqrt(header.nodes) / 3.0)]]])
+        middle = plane.mean(axis=0)
+        # Above a network of known positions, where no node is; a circle is empty in the middle.
+        beside = [middle[0], -SPACING * max(1.0, np.sqrt(header.nodes) / 3.0)]
+        plane = np.vstack([plane, middle if positions_m is None and header.nodes > 1 else beside])
     return plane

@@ -14,7 +14,7 @@ CENTRAL_FILTERS = ("kfc", "rkfc")
 FILTERS = (*CENTRAL_FILTERS, "kfd", "rkfdu", "rkfdnu", "rkfdnu2")
 
 # A batch is bounded by both, so that neither a large network nor a long run grows the memory in use.
-BATCH_BYTES = 32 << 20
+BATCH_BYTES = 64 << 20
 BATCH_STEPS = 4096
 
 # RFC 8746 tags of the little-endian arrays that the format uses.

@@ -136,13 +136,14 @@ def fault_text(mask: int) -> str:
     if mask == 0:
         return "faults over"
     bits = ", ".join(str(bit) for bit in range(32) if mask >> bit & 1)
-    return f"fault mask 0x{mask:x} (bit {bits} of meshkal/rkfd.h)"
+    return f"fault mask 0x{mask:x} (bit {bits})"
 
 
 def time_columns(step: np.ndarray, dt_s: float) -> list:
     """The timelines `step` and `sim_time`. Nanoseconds as integers: rerun truncates a column of float seconds."""
-    ns = np.rint(step * (dt_s * 1e9))
-    if ns.max() >= _LARGEST_NS:
+    with np.errstate(invalid="ignore"):
+        ns = np.rint(step * (dt_s * 1e9))
+    if not ns.max() < _LARGEST_NS:  # also where 0 times infinity made NaN
         raise LogError(f"step {step.max()} with dt_s = {dt_s:g} is beyond the clock of rerun (292 years)")
     return [
         rr.TimeColumn("step", sequence=step),

@@ -32,10 +32,11 @@ class Scene:
         positions = scenario.node_positions_m
         if positions is None:
             return
-        labels = [f"sensor {k}" for k in range(header.nodes)]
+        labels = [str(k) for k in range(header.nodes)]
+        few = header.nodes <= 40
         self._rec.log(
             "scene/sensors",
-            rr.Points3D(positions, colors=colours.REFERENCE, radii=-5.0, labels=labels, show_labels=header.nodes <= 40),
+            rr.Points3D(positions, colors=colours.REFERENCE, radii=-4.0 if few else -2.0, labels=labels, show_labels=few),
             static=True,
         )
         if not header.central:
@@ -59,7 +60,7 @@ class Scene:
 
     def _truth(self, times: list, positions: np.ndarray) -> None:
         if not self._path:
-            self._style("scene/truth", rr.Points3D, colors=colours.TRUTH, radii=-7.0, labels="truth", show_labels=True)
+            self._style("scene/truth", rr.Points3D, colors=colours.TRUTH, radii=-7.0)
             self._style("scene/truth_trail", rr.LineStrips3D, colors=colours.TRUTH, radii=-1.5)
         known = np.isfinite(positions).all(axis=1)
         # An empty row, not a missing one: otherwise the last known truth would stay in the picture.
@@ -80,3 +81,21 @@ class Scene:
 
     def _style(self, path: str, archetype: type, **fields: object) -> None:
         self._rec.log(path, archetype.from_fields(**fields), static=True)
+
+
+def viewpoint(scenario: Scenario, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
+    """Eye and target that show the sensors and where the truth (else the estimates) goes: from above if all is in a plane."""
+    states = batch.estimate.reshape(-1, batch.estimate.shape[-1]) if batch.truth is None else batch.truth
+    points = positions_of(states, scenario.position_states).astype(np.float64)
+    if scenario.node_positions_m is not None:
+        points = np.concatenate([points, scenario.node_positions_m])
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) == 0:
+        points = np.zeros((1, 3))
+    # Percentiles: what diverges must not push the rest out of sight.
+    low, high = np.percentile(points, [1, 99], axis=0)
+    target = (low + high) / 2.0
+    planar = high[2] - low[2] < 0.05 * (high - low).max()
+    direction = np.array([0.0, -0.35, 1.0] if planar else [0.5, -0.9, 0.6])
+    distance = max(float(np.linalg.norm(high - low)), 1e-3)
+    return target + 1.15 * distance * direction / np.linalg.norm(direction), target

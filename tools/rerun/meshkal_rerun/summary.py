@@ -50,7 +50,7 @@ class Summary:
             self._last_rms_db = float(network["error_db"]["rms"][-1])
 
     def text(self, end: str | None, colour_range: tuple[float, float] | None) -> str:
-        return "\n\n".join([self._title(), _table(self._result(end)), _table(self._facts()), self._legend(colour_range)])
+        return "\n\n".join([self._title(), _table("Result", self._result(end)), self._legend(colour_range), _table("Scenario", self._facts())])
 
     def _title(self) -> str:
         return f"# {self._scenario.name}\n\n{_FILTER_NAMES[self._header.filter]} (`{self._header.filter}`)"
@@ -62,7 +62,7 @@ class Summary:
                 each = self._squares / self._known
             total = self._squares.sum() / self._known.sum()
             rows.append(("RMS error, all nodes and steps", _db(total)))
-            rows.append(("RMS error, last step", "unknown" if np.isnan(self._last_rms_db) else f"{self._last_rms_db:.1f} dB"))
+            rows.append(("RMS error, last step", "unknown" if np.isnan(self._last_rms_db) else f"{self._last_rms_db:z.1f} dB"))
             if self._header.estimators > 1:
                 best, worst = int(np.nanargmin(each)), int(np.nanargmax(each))
                 rows.append(("best and worst node", f"{self._names[best]}: {_db(each[best])}, {self._names[worst]}: {_db(each[worst])}"))
@@ -89,7 +89,7 @@ class Summary:
             ("estimators", f"{header.estimators} (central)" if header.central else f"{header.estimators} (one a node)"),
             ("states", str(header.states)),
             ("measured rows", str(sum(header.rows))),
-            ("neighbours a node, mean", f"{links / header.nodes:.1f}" if not header.central else "none: all listen to the centre"),
+            ("neighbours a node, mean", "" if header.central else f"{links / header.nodes:.1f}"),
             ("time step", f"{header.dt_s:g} s"),
             ("run", f"{self._run} of {header.runs} (from 0), {header.steps} steps asked for"),
             ("seed, message loss", f"{header.seed}, {header.loss:g}"),
@@ -104,7 +104,7 @@ class Summary:
 
     def _legend(self, colour_range: tuple[float, float] | None) -> str:
         what = "error" if self._known.any() else "10 log10 of the test quantity (there is no truth)"
-        lines = ["### How to read it"]
+        lines = ["**How to read it**", ""]
         if colour_range:
             low, high = colour_range
             lines.append(f"- Network: blue {low:.0f} dB or less, red {high:.0f} dB or more; {what}. Grey: unknown.")
@@ -112,6 +112,7 @@ class Summary:
             "- Error in dB: 20 log10 of the norm of (truth - estimate); -20 dB is a tenth. A gap: zero, unknown or infinite.",
             "- Test quantity: squared normalised innovation over its degrees of freedom. Around 1: the node's model fits.",
             "- theta is 0 where a filter is not robust. Tolerance: twice the Kullback-Leibler divergence, in nats.",
+            "- Faults: an entry when a node's fault mask changes; the bits are those of meshkal/rkfd.h.",
         ]
         if self._scenario.position_states:
             lines.append(
@@ -123,10 +124,10 @@ class Summary:
 
 def _db(mean_square: float) -> str:
     with np.errstate(divide="ignore"):
-        return f"{10.0 * np.log10(mean_square):.1f} dB"
+        return f"{10.0 * np.log10(mean_square):z.1f} dB"
 
 
-def _table(rows: list[tuple[str, str]]) -> str:
-    lines = ["| | |", "|---|---|"]
+def _table(heading: str, rows: list[tuple[str, str]]) -> str:
+    lines = [f"| {heading} | |", "|---|---|"]
     lines += [f"| {name} | {value} |" for name, value in rows]
     return "\n".join(lines)

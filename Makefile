@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: MIT
+# make help lists the targets.
+
+BUILD   ?= build
+PREFIX  ?= /usr/local
+VERSION := $(shell sed -n 's/^.define MK_VERSION "\(.*\)"/\1/p' include/meshkal/base.h)
+PYTHON  := .venv/bin/python
+
+CC       = gcc
+OPTIMISE = -O2
+# Fused multiply-add would give other bits than targets without it.
+ARITHMETIC = -ffp-contract=off
+WARNINGS = -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wvla -Wmissing-prototypes -Werror
+CFLAGS   = -std=c99 $(OPTIMISE) -g $(ARITHMETIC) $(WARNINGS)
+INCLUDE  = -Iinclude -Isrc
+HOST_INCLUDE = $(INCLUDE) -Iport/host -Itools/meshkal -D_POSIX_C_SOURCE=200809L
+HOST_LIBS = -llapacke -ljansson -lcbor -lsodium -lm
+
+LIBRARY  = $(BUILD)/libmeshkal.a
+PROGRAM  = $(BUILD)/meshkal
+HOST_SOURCES = $(wildcard port/host/*.c tools/meshkal/*.c)
+HOST_OBJECTS = $(HOST_SOURCES:%.c=$(BUILD)/%.o)
+
+.DEFAULT_GOAL := help
+.PHONY: help setup all run test bench install uninstall clean
+
+help: ## this list
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
+
+# --- what the machine needs ------------------------------------------------------------------------------------------------
+
+PACKAGES = gcc g++ clang make pkgconf liblapacke-dev libjansson-dev libcbor-dev libsodium-dev libcmocka-dev libeigen3-dev \
+           python3-venv
+SETUP = .venv/setup-done
+# Other users than root need sudo.
+ROOT := $(if $(filter 0,$(shell id -u)),,sudo)
+
+setup: $(SETUP) ## install Debian packages and the pinned Python environment (does nothing the second time)
+
+$(SETUP): tools/requirements.txt tools/rerun/pyproject.toml
+	@missing=$$(for p in $(PACKAGES); do dpkg-query -W -f '$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
+	if [ -n "$$missing" ]; then echo "setup: Debian packages" $$missing; \
+	  $(ROOT) apt-get -o DPkg::Lock::Timeout=400 -qq update && \
+	  DEBIAN_FRONTEND=noninteractive $(ROOT) apt-get -o DPkg::Lock::Timeout=400 -qq -y --no-install-recommends install $$missing >/dev/null; fi
+	@echo "setup: Python packages of tools/requirements.txt"
+	@test -x $(PYTHON) || python3 -m venv .venv
+	@$(PYTHON) -m pip install --quiet --disable-pip-version-check -r tools/requirements.txt
+	@$(PYTHON) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e tools/rerun
+	@touch $@
+
+# --- library and program ---------------------------------------------------------------------------------------------------
+
+all: $(LIBRARY) $(PROGRAM) ## the node library and the host program, in build/
+
+# Objects are made anew when the rules change; everything compiled waits for the packages.
+$(BUILD)/%.o: %.c Makefile | $(SETUP)
+	@mkdir -p $(@D)
+	$(CC) $(CFLAGS) $(if $(filter src/%,$<),$(INCLUDE),$(HOST_INCLUDE)) -MMD -MP -c $< -o $@
+
+$(LIBRARY): $(BUILD)/src/meshkal/meshkal.o
+	rm -f $@ && ar rcs $@ $^
+
+$(PROGRAM): $(HOST_OBJECTS) $(LIBRARY)
+	$(CC) $(CFLAGS) $^ $(HOST_LIBS) -o $@
+
+-include $(HOST_OBJECTS:.o=.d) $(BUILD)/src/meshkal/meshkal.d
+
+# --- run -------------------------------------------------------------------------------------------------------------------
+
+RUN = $(BUILD)/run
+
+run: all ## design, simulate and record the published example, and the study on real data
+	@mkdir -p $(RUN)
+	@$(PROGRAM) scenario projectile --nodes 20 --seed 1 > $(RUN)/projectile.json
+	@echo "== 1. Design: local tolerances of 20 nodes" && $(PROGRAM) design $(RUN)/projectile.json --json $(RUN)/design.json
+	@echo && echo "== 2. One run of RKFDNU2, its log and its recording"
+	@$(PROGRAM) simulate $(RUN)/projectile.json --out $(RUN)/run.cbor
+	@.venv/bin/meshkal-rerun $(RUN)/run.cbor -o $(RUN)/run.rrd
+	@echo && echo "== 3. Real data: 50 motes, two days" && $(PYTHON) tools/lab-temperature/study.py tools/lab-temperature/temperature.csv \
+	  --meshkal $(PROGRAM) --out $(BUILD)/lab-temperature
+	@echo && echo "== 4. The six filters on the published example, Monte Carlo"
+	@$(PROGRAM) simulate $(RUN)/projectile.json --filter all --runs 200 --json $(RUN)/summary.json
+	@echo && echo "Open the recording: .venv/bin/rerun $(RUN)/run.rrd   (log: $(RUN)/run.cbor)"
+
+# --- install ---------------------------------------------------------------------------------------------------------------
+
+HEADERS = $(shell cd include && find meshkal -name '*.h')
+KERNELS = $(shell cd src && find meshkal -name '*.h')
+
+install: all ## library, headers, program and pkg-config file under DESTDIR and PREFIX
+	@for f in $(HEADERS); do install -D -m 644 include/$$f $(DESTDIR)$(PREFIX)/include/$$f || exit 1; done
+	@for f in $(KERNELS); do install -D -m 644 src/$$f $(DESTDIR)$(PREFIX)/include/$$f || exit 1; done
+	install -D -m 644 $(LIBRARY) $(DESTDIR)$(PREFIX)/lib/libmeshkal.a
+	install -D -m 755 $(PROGRAM) $(DESTDIR)$(PREFIX)/bin/meshkal
+	@mkdir -p $(DESTDIR)$(PREFIX)/lib/pkgconfig
+	@printf '%s\n' 'prefix=$(PREFIX)' 'Name: meshkal' 'Description: State estimators for the nodes of a sensor network' 'Version: $(VERSION)' \
+	  'Cflags: -I$${prefix}/include $(ARITHMETIC)' 'Libs: -L$${prefix}/lib -lmeshkal' 'Libs.private: -lm' > $(DESTDIR)$(PREFIX)/lib/pkgconfig/meshkal.pc
+
+uninstall: ## what install put there
+	rm -rf $(DESTDIR)$(PREFIX)/include/meshkal
+	rm -f $(DESTDIR)$(PREFIX)/lib/libmeshkal.a $(DESTDIR)$(PREFIX)/bin/meshkal $(DESTDIR)$(PREFIX)/lib/pkgconfig/meshkal.pc
+
+clean: ## remove build/ (the Python environment stays)
+	rm -rf $(BUILD)

@@ -1,0 +1,72 @@
+/* SPDX-License-Identifier: MIT */
+#include "csv.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "file.h"
+
+static int check_header(const char *path, char *line, int columns, const char *const *names, mk_error_t *error) {
+    char wanted[128] = "";
+    for (int c = 0; c < columns; c++) {
+        (void)strncat(wanted, c ? "," : "", sizeof wanted - strlen(wanted) - 1);
+        (void)strncat(wanted, names[c], sizeof wanted - strlen(wanted) - 1);
+    }
+    char *to = line;
+    for (const char *from = line; *from; from++)
+        if (*from != ' ' && *from != '\r' && *from != '"') *to++ = *from;
+    *to = 0;
+    return strcmp(line, wanted) == 0 ? 1 : mk_fail(error, "%s:1: the header must be %s", path, wanted);
+}
+
+static int read_line(mk_csv_t *csv, char *text, long line, const char *const *names, mk_error_t *error) {
+    double *value = csv->value + csv->rows * (size_t)csv->columns;
+    for (int c = 0; c < csv->columns; c++) {
+        char *end;
+        value[c] = strtod(text, &end);
+        const int filled = end != text;
+        while (*end == ' ' || *end == '\r') end++;
+        if (!filled || *end != (c < csv->columns - 1 ? ',' : 0))
+            return mk_fail(error, "%s:%ld: column %s: expected a number and %s", csv->path, line, names[c],
+                           c < csv->columns - 1 ? "a comma" : "the end of the line");
+        if (!isfinite(value[c])) return mk_fail(error, "%s:%ld: column %s is not finite", csv->path, line, names[c]);
+        text = end + 1;
+    }
+    csv->line[csv->rows++] = line;
+    return 1;
+}
+
+int mk_csv_read(mk_csv_t *csv, const char *path, int columns, const char *const *names, mk_error_t *error) {
+    size_t length;
+    memset(csv, 0, sizeof *csv);
+    char *text = mk_read_file(path, &length, error);
+    if (!text) return 0;
+    size_t lines = 1;
+    for (size_t i = 0; i < length; i++) lines += text[i] == '\n';
+    csv->path = path;
+    csv->columns = columns;
+    csv->value = mk_allocate(lines * (size_t)columns, sizeof *csv->value);
+    csv->line = mk_allocate(lines, sizeof *csv->line);
+    int good = 1;
+    long line = 0;
+    for (char *at = text; good && at && *at; ) {
+        char *end = strchr(at, '\n');
+        if (end) *end = 0;
+        line++;
+        if (line == 1) good = check_header(path, at, columns, names, error);
+        else if (at[strspn(at, " \r")] != 0) good = read_line(csv, at, line, names, error);
+        at = end ? end + 1 : NULL;
+    }
+    if (good && line == 0) good = mk_fail(error, "%s: empty", path);
+    free(text);
+    if (!good) mk_csv_free(csv);
+    return good;
+}
+
+void mk_csv_free(mk_csv_t *csv) {
+    free(csv->value);
+    free(csv->line);
+    memset(csv, 0, sizeof *csv);
+}

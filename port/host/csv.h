@@ -1,0 +1,23 @@
+/* SPDX-License-Identifier: MIT */
+/* Numbers in CSV files with a header line. */
+#ifndef MESHKAL_HOST_CSV_H
+#define MESHKAL_HOST_CSV_H
+
+#include <stddef.h>
+
+#include "error.h"
+
+typedef struct {
+    const char *path;
+    int columns;
+    size_t rows;
+    double *value; /* rows x columns */
+    long *line;    /* of each row, in the file */
+} mk_csv_t;
+
+/* Reads a file whose header is exactly the given column names. Empty lines are skipped; the value column may not be empty, NaN or
+   infinite: leave the row out instead. 1, or 0 and an error that names file and line. path must outlive the result. */
+int mk_csv_read(mk_csv_t *csv, const char *path, int columns, const char *const *names, mk_error_t *error);
+void mk_csv_free(mk_csv_t *csv);
+
+#endif

@@ -1,0 +1,40 @@
+/* SPDX-License-Identifier: MIT */
+/* Writer of the run log, log-format.md: a CBOR sequence to a file or to standard output. */
+#ifndef MESHKAL_HOST_RUN_LOG_H
+#define MESHKAL_HOST_RUN_LOG_H
+
+#include <stdint.h>
+#include <stdio.h>
+
+#include "error.h"
+#include "scenario.h"
+
+typedef struct {
+    FILE *stream;
+    int is_standard_output, failed;
+    uint64_t items;
+    unsigned char *buffer;
+    size_t used, room;
+} mk_run_log_t;
+
+typedef struct {
+    const char *filter, *real, *source;
+    uint64_t seed;
+    int runs, steps, estimators;
+    double loss;
+    const int *first, *slot; /* slots of the estimators, as in mk_scenario_t */
+} mk_run_facts_t;
+
+/* path "-" is standard output. 1, or 0 and *error. */
+int mk_log_open(mk_run_log_t *log, const char *path, mk_error_t *error);
+void mk_log_header(mk_run_log_t *log, const mk_scenario_t *scenario, const mk_run_facts_t *facts);
+/* A step item: begin with the number of arrays, then each array, then end. Arrays: float64, float32 (real_size 8 or 4), uint32, uint8. */
+void mk_log_begin(mk_run_log_t *log, int run, int step, int arrays);
+void mk_log_reals(mk_run_log_t *log, const char *key, const void *values, size_t real_size, size_t count);
+void mk_log_uint32(mk_run_log_t *log, const char *key, const uint32_t *values, size_t count);
+void mk_log_uint8(mk_run_log_t *log, const char *key, const uint8_t *values, size_t count);
+void mk_log_end(mk_run_log_t *log);
+/* The end item, unless nothing was ever written, and the file closed. 1, or 0 and *error if any write failed. */
+int mk_log_close(mk_run_log_t *log, const char *how, mk_error_t *error);
+
+#endif

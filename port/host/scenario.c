@@ -1,0 +1,166 @@
+/* SPDX-License-Identifier: MIT */
+#include "scenario.h"
+
+#include <jansson.h>
+#include <math.h>
+#include <sodium.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "dense.h"
+#include "file.h"
+#include "json_place.h"
+#include "scenario_graph.h"
+#include "scenario_read.h"
+
+static const char *const top_keys[] = {"name", "model", "nodes", "edges", "weights", "tolerance", "steps", "seed", NULL};
+static const char *const model_keys[] = {"A", "Q", "input", "x0", "P0", "dt_s", "position_states", NULL};
+static const char *const node_keys[] = {"C", "R", "position_m", NULL};
+
+static int read_model(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
+    json_t *model = mk_read_member(reader, root, "", "model", 1);
+    if (!model || !mk_read_keys(reader, model, "model", model_keys)) return 0;
+    json_t *A = mk_read_member(reader, model, "model", "A", 1), *Q = mk_read_member(reader, model, "model", "Q", 1);
+    if (!A || !Q) return 0;
+    if (!json_is_array(A) || json_array_size(A) == 0) return mk_read_bad(reader, "model.A", "must be an array of rows");
+    if (json_array_size(A) > MK_LARGEST_STATE)
+        return mk_read_bad(reader, "model.A", "has %zu rows; at most %d states", json_array_size(A), MK_LARGEST_STATE);
+    s->n = (int)json_array_size(A);
+    const int n = s->n;
+    if (!(s->A = mk_read_matrix(reader, A, "model.A", n, n))) return 0;
+    if (!(s->Q = mk_read_symmetric(reader, Q, "model.Q", n, 0))) return 0;
+    json_t *input = json_object_get(model, "input"), *x0 = json_object_get(model, "x0"), *P0 = json_object_get(model, "P0");
+    s->input = input ? mk_read_vector(reader, input, "model.input", n) : mk_allocate((size_t)n, sizeof(double));
+    s->x0 = x0 ? mk_read_vector(reader, x0, "model.x0", n) : mk_allocate((size_t)n, sizeof(double));
+    if (!s->input || !s->x0) return 0;
+    if (P0) {
+        if (!(s->P0 = mk_read_symmetric(reader, P0, "model.P0", n, 1))) return 0;
+    } else {
+        s->P0 = mk_allocate((size_t)(n * (n + 1) / 2), sizeof(double));
+        for (int i = 0; i < n; i++) s->P0[i * (i + 1) / 2 + i] = 1.0;
+    }
+    s->dt_s = 1.0;
+    json_t *dt = json_object_get(model, "dt_s"), *states = json_object_get(model, "position_states");
+    if (dt && (!mk_read_number(reader, dt, "model.dt_s", &s->dt_s) || !(s->dt_s > 0.0)))
+        return mk_read_bad(reader, "model.dt_s", "must be a number of seconds above 0");
+    if (!states) return 1;
+    if (!json_is_array(states) || json_array_size(states) < 1 || json_array_size(states) > 3)
+        return mk_read_bad(reader, "model.position_states", "must be an array of 1 to 3 state numbers");
+    s->position_count = (int)json_array_size(states);
+    for (int i = 0; i < s->position_count; i++) {
+        json_t *state = json_array_get(states, (size_t)i);
+        if (!json_is_integer(state) || json_integer_value(state) < 0 || json_integer_value(state) >= n)
+            return mk_read_bad(reader, "model.position_states", "entry %d must be a state number from 0 to %d", i, n - 1);
+        s->position_states[i] = (int)json_integer_value(state);
+    }
+    return 1;
+}
+
+static int read_nodes(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
+    json_t *nodes = mk_read_member(reader, root, "", "nodes", 1);
+    if (!nodes) return 0;
+    if (!json_is_array(nodes) || json_array_size(nodes) == 0) return mk_read_bad(reader, "nodes", "must be an array with at least one node");
+    s->nodes = (int)json_array_size(nodes);
+    s->sensor = mk_allocate((size_t)s->nodes, sizeof *s->sensor);
+    for (int k = 0; k < s->nodes; k++) {
+        json_t *node = json_array_get(nodes, (size_t)k);
+        mk_sensor_t *sensor = &s->sensor[k];
+        char at[64], place[80];
+        (void)snprintf(at, sizeof at, "nodes[%d]", k);
+        if (!mk_read_keys(reader, node, at, node_keys)) return 0;
+        json_t *C = mk_read_member(reader, node, at, "C", 1), *R = mk_read_member(reader, node, at, "R", 1);
+        if (!C || !R) return 0;
+        (void)snprintf(place, sizeof place, "%s.C", at);
+        if (!json_is_array(C) || json_array_size(C) == 0) return mk_read_bad(reader, place, "must be an array of rows");
+        if (json_array_size(C) > MK_LARGEST_STATE)
+            return mk_read_bad(reader, place, "has %zu rows; at most %d", json_array_size(C), MK_LARGEST_STATE);
+        sensor->rows = (int)json_array_size(C);
+        if (!(sensor->C = mk_read_matrix(reader, C, place, sensor->rows, s->n))) return 0;
+        (void)snprintf(place, sizeof place, "%s.R", at);
+        if (!(sensor->R = mk_read_symmetric(reader, R, place, sensor->rows, 1))) return 0;
+        json_t *position = json_object_get(node, "position_m");
+        if (!position) continue;
+        (void)snprintf(place, sizeof place, "%s.position_m", at);
+        const size_t count = json_is_array(position) ? json_array_size(position) : 0;
+        if (count != 2 && count != 3) return mk_read_bad(reader, place, "must be 2 or 3 numbers");
+        double *values = mk_read_vector(reader, position, place, (int)count);
+        if (!values) return 0;
+        memcpy(sensor->position_m, values, count * sizeof *values);
+        sensor->position_count = (int)count;
+        free(values);
+    }
+    return 1;
+}
+
+static int read_rest(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
+    json_t *name = json_object_get(root, "name"), *tolerance = json_object_get(root, "tolerance");
+    json_t *steps = json_object_get(root, "steps"), *seed = json_object_get(root, "seed");
+    if (name && !json_is_string(name)) return mk_read_bad(reader, "name", "must be a string");
+    const char *text = name ? json_string_value(name) : "";
+    s->name = mk_allocate(strlen(text) + 1, 1);
+    memcpy(s->name, text, strlen(text));
+    if (tolerance && (!mk_read_number(reader, tolerance, "tolerance", &s->tolerance) || s->tolerance < 0.0))
+        return mk_read_bad(reader, "tolerance", "must be a number, 0 or above (twice the Kullback-Leibler divergence in nats)");
+    s->steps = 100;
+    if (steps) {
+        if (!json_is_integer(steps) || json_integer_value(steps) < 1 || json_integer_value(steps) > 1000000000)
+            return mk_read_bad(reader, "steps", "must be an integer from 1 to 1e9");
+        s->steps = (int)json_integer_value(steps);
+    }
+    s->seed = 1;
+    if (seed) {
+        if (!json_is_integer(seed) || json_integer_value(seed) < 0) return mk_read_bad(reader, "seed", "must be an integer, 0 or above");
+        s->seed = (uint64_t)json_integer_value(seed);
+    }
+    return 1;
+}
+
+static int hash_text(mk_scenario_t *s, mk_error_t *error) {
+    unsigned char digest[crypto_hash_sha256_BYTES];
+    if (sodium_init() < 0) return mk_fail(error, "libsodium does not start");
+    (void)crypto_hash_sha256(digest, (const unsigned char *)s->text, s->text_length);
+    (void)sodium_bin2hex(s->sha256, sizeof s->sha256, digest, sizeof digest);
+    return 1;
+}
+
+int mk_scenario_load(mk_scenario_t *s, const char *path, mk_error_t *error) {
+    memset(s, 0, sizeof *s);
+    s->text = mk_read_file(path, &s->text_length, error);
+    if (!s->text) return 0;
+    if (strlen(s->text) != s->text_length) {
+        mk_scenario_free(s);
+        return mk_fail(error, "%s: a zero byte: not a JSON text", path);
+    }
+    json_error_t place;
+    json_t *root = json_loadb(s->text, s->text_length, JSON_REJECT_DUPLICATES, &place);
+    if (!root) {
+        mk_scenario_free(s);
+        return mk_fail(error, "%s:%d:%d: %s", path, place.line, place.column, place.text);
+    }
+    mk_reader_t reader = {path, s->text, error};
+    const int good = mk_read_keys(&reader, root, "", top_keys) && read_model(&reader, root, s) && read_nodes(&reader, root, s) &&
+                     mk_read_graph(&reader, root, s) && read_rest(&reader, root, s) && hash_text(s, error);
+    json_decref(root);
+    if (!good) mk_scenario_free(s);
+    return good;
+}
+
+void mk_scenario_free(mk_scenario_t *s) {
+    for (int k = 0; s->sensor && k < s->nodes; k++) {
+        free(s->sensor[k].C);
+        free(s->sensor[k].R);
+    }
+    free(s->name);
+    free(s->A);
+    free(s->Q);
+    free(s->input);
+    free(s->x0);
+    free(s->P0);
+    free(s->sensor);
+    free(s->first);
+    free(s->slot);
+    free(s->weight);
+    free(s->text);
+    memset(s, 0, sizeof *s);
+}

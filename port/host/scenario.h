@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: MIT */
+/* A sensor network as scenario.schema.json describes it: read, checked, and put into the order that filters use. */
+#ifndef MESHKAL_HOST_SCENARIO_H
+#define MESHKAL_HOST_SCENARIO_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "error.h"
+
+typedef struct {
+    int rows;
+    double *C;          /* rows x n */
+    double *R;          /* packed, rows */
+    int position_count; /* 0, 2 or 3 */
+    double position_m[3];
+} mk_sensor_t;
+
+typedef struct {
+    char *name;
+    int n;
+    double *A;     /* n x n */
+    double *Q;     /* packed */
+    double *input; /* n */
+    double *x0;    /* n */
+    double *P0;    /* packed */
+    double dt_s;
+    int position_count; /* states that are a position: 0, 1, 2 or 3 */
+    int position_states[3];
+
+    int nodes;
+    mk_sensor_t *sensor;
+    /* Slots of node k: slot[first[k]] .. slot[first[k + 1] - 1], k itself first, then its neighbours ascending. weight[i] is
+       w_lk of slot l = slot[i]. */
+    int *first, *slot;
+    double *weight;
+
+    double tolerance;
+    int steps;
+    uint64_t seed;
+
+    char *text; /* the file, byte for byte */
+    size_t text_length;
+    char sha256[65];
+} mk_scenario_t;
+
+/* Reads and checks a scenario. 1, or 0 and an error that names file, line and key; *scenario is then empty. */
+int mk_scenario_load(mk_scenario_t *scenario, const char *path, mk_error_t *error);
+void mk_scenario_free(mk_scenario_t *scenario);
+
+#endif

@@ -1,0 +1,38 @@
+/* SPDX-License-Identifier: MIT */
+
+/* Hexadecimal floats: exact, and any C99 or C++17 compiler reads them back to the same bits. */
+static void MK_F(put_array)(FILE *out, const char *name, const char *member, const char *comment, const MK_REAL *values, int count, int columns) {
+    (void)fprintf(out, "\n/* %s */\nstatic const mk_" MK_REAL_SUFFIX "_t %s_%s[%d] = {", comment, name, member, count);
+    for (int i = 0; i < count; i++) (void)fprintf(out, "%s%a" MK_REAL_LITERAL ",", i % columns ? " " : "\n    ", (double)values[i]);
+    (void)fputs("\n};\n", out);
+}
+
+static void MK_F(put_node)(FILE *out, const char *name, const mk_scenario_t *s, const mk_topology_t *topology, int k, double tolerance) {
+    MK_F_T(mk_rkfd_config) config;
+    MK_F(mk_config_make)(&config, s, topology, k, tolerance);
+    const int n = config.n, m = config.m, slots = config.slots;
+    (void)fprintf(out,
+                  "#include <meshkal/unrolled.h>\n\n/* %d states, at most %d rows, %d slots. To save flash: MK_RKFD of <meshkal/rkfd.h>. */\n"
+                  "MK_RKFD_UNROLLED(%s, " MK_REAL_SUFFIX ", %d, %d, %d);\n\n/* Node in each slot: this one, then its neighbours. */\n"
+                  "static const uint16_t %s_slot[%d] = {",
+                  n, m, slots, name, n, m, slots, name, slots);
+    for (int l = 0; l < slots; l++) (void)fprintf(out, "%s%d", l ? ", " : "", topology->slot[topology->first[k] + l]);
+    (void)fprintf(out, "};\nstatic const uint8_t %s_rows[%d] = {", name, slots);
+    for (int l = 0; l < slots; l++) (void)fprintf(out, "%s%d", l ? ", " : "", config.rows[l]);
+    (void)fputs("};\n", out);
+    MK_F(put_array)(out, name, "A", "A, by rows", config.A, n * n, n);
+    MK_F(put_array)(out, name, "Q", "Q, packed", config.Q, MK_PACKED(n), n);
+    MK_F(put_array)(out, name, "input", "r", config.input, n, n);
+    MK_F(put_array)(out, name, "x0", "x(0)", config.x0, n, n);
+    MK_F(put_array)(out, name, "P0", "P(0), packed", config.P0, MK_PACKED(n), n);
+    MK_F(put_array)(out, name, "weight", "w_lk for each slot", config.weight, slots, 8);
+    MK_F(put_array)(out, name, "C", "C_l by rows, for each slot", config.C, slots * m * n, n);
+    MK_F(put_array)(out, name, "F", "F_l = C_l' R_l^-1 by columns, for each slot", config.F, slots * m * n, n);
+    MK_F(put_array)(out, name, "S", "S_l = F_l C_l, packed, for each slot", config.S, slots * MK_PACKED(n), n);
+    MK_F(put_array)(out, name, "R_inverse", "R_l^-1, packed, for each slot", config.R_inverse, slots * MK_PACKED(m), MK_PACKED(m));
+    (void)fprintf(out,
+                  "\nstatic const %s_config_t %s_config = {\n    %d, %d, %d, %s_A, %s_Q, %s_input, %s_x0, %s_P0, %s_weight, %s_rows, %s_C, %s_F, %s_S,\n"
+                  "    %s_R_inverse, %a" MK_REAL_LITERAL " /* tolerance %.9g */\n};\n",
+                  name, name, n, m, slots, name, name, name, name, name, name, name, name, name, name, name, (double)config.tolerance, tolerance);
+    MK_F(mk_config_free)(&config);
+}

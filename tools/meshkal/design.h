@@ -1,0 +1,65 @@
+/* SPDX-License-Identifier: MIT */
+/* The central designer: fixed points of the covariance recursions and local tolerances (spec 1.3 to 1.5). Needs the model only, no
+   data. float64; symmetric matrices packed. */
+#ifndef MESHKAL_DESIGN_H
+#define MESHKAL_DESIGN_H
+
+#include "scenario.h"
+
+/* A covariance recursion (spec 1.3, 1.4) with fixed information S for each step, run by the node's own kernels. */
+typedef struct {
+    int n;
+    const double *A, *Q;
+    double tolerance;
+    double *S, *W;   /* information of a step; information V^-1 carried */
+    double *P;
+    double theta;
+    double *work;
+} mk_recursion_t;
+
+/* Starts at V = P0 with S = 0: add sensors with mk_recursion_add. */
+void mk_recursion_open(mk_recursion_t *recursion, const mk_scenario_t *scenario, double tolerance);
+void mk_recursion_close(mk_recursion_t *recursion);
+/* S += information of one sensor, C' R^-1 C. */
+void mk_recursion_add(mk_recursion_t *recursion, const mk_sensor_t *sensor);
+/* P, theta and W of the next step. 1, or 0: a matrix is not positive definite or theta has no root. */
+int mk_recursion_step(mk_recursion_t *recursion);
+/* Steps until P stands still to rounding. 1, or 0 if it does not within `limit` steps, or fails. */
+int mk_recursion_settle(mk_recursion_t *recursion, long limit);
+
+/* Fixed point of one filter. */
+typedef struct {
+    double theta;
+    double *P, *V; /* V = (P^-1 - theta I)^-1 */
+} mk_steady_t;
+
+typedef struct {
+    int n, nodes;
+    double tolerance; /* c of the centralised filter */
+    mk_steady_t central;
+    double *local;     /* c_k, one a node */
+    mk_steady_t *node; /* every node with c_k; null if not asked for */
+} mk_design_t;
+
+/* F (by columns), S and R^-1 of one sensor, as mk_rkfd_sensor_f64 makes them with m = rows. Any of the three may be null. */
+void mk_sensor_matrices(int n, const mk_sensor_t *sensor, double *F, double *S, double *R_inverse);
+
+/* RKFC to its fixed point and c_k of every node (1.5); with_nodes: every node's own fixed point too (1.4, c_k fixed).
+   1, or 0 and an error that names the filter or node that does not converge; *design is then empty. */
+int mk_design_make(mk_design_t *design, const mk_scenario_t *scenario, double tolerance, int with_nodes, mk_error_t *error);
+void mk_design_free(mk_design_t *design);
+
+/* c_k(t) for t = 0 .. steps - 1, row by row (steps x nodes): tolerances of RKFDNU, V(0) = P0. Null and an error on failure. */
+double *mk_design_schedule(const mk_scenario_t *scenario, double tolerance, int steps, mk_error_t *error);
+
+/* Dimensions of what cannot be observed or reached. */
+typedef struct {
+    int global, unreachable;
+    int *node;       /* of each node's neighbourhood */
+    int blind_nodes; /* nodes with a dimension above 0 */
+} mk_observability_t;
+
+/* 1, or 0 and an error. Free result->node. */
+int mk_check_observability(const mk_scenario_t *scenario, mk_observability_t *result, mk_error_t *error);
+
+#endif

@@ -1,0 +1,52 @@
+/* SPDX-License-Identifier: MIT */
+#include <meshkal/base.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "commands.h"
+
+static const char help[] =
+    "meshkal " MK_VERSION ": design and simulate networks of robust Kalman filters\n"
+    "\n"
+    "meshkal design SCENARIO.json [options]      local tolerances and steady state of every node\n"
+    "    --json FILE          results for programs\n"
+    "    --c-header DIR       node_NN.h for every node: constant configuration for firmware\n"
+    "    --real float32|float64   precision of the headers (default float64)\n"
+    "    --per-step T         also c_k(t) for T steps, into the JSON file\n"
+    "    --tolerance C        instead of the scenario's\n"
+    "    --c-max none|central|all   guaranteed tolerances (default: all up to 200 nodes, else central)\n"
+    "    --allow-unobservable     go on when a node does not see all states\n"
+    "\n"
+    "meshkal simulate SCENARIO.json [options]    run the node code as a network\n"
+    "    --filter F           kfc rkfc kfd rkfdu rkfdnu rkfdnu2 (default rkfdnu2), or all\n"
+    "    --steps T --seed S --tolerance C         instead of the scenario's\n"
+    "    --runs M             Monte Carlo runs (default 1)\n"
+    "    --real float32|float64   precision of the nodes (default float64)\n"
+    "    --loss P             probability that a message is lost\n"
+    "    --measurements FILE.csv  recorded instead of drawn: columns t,node,row,value\n"
+    "    --truth FILE.csv     recorded truth: columns t,state,value\n"
+    "    --out FILE           log of the run, CBOR; - is standard output\n"
+    "    --json FILE          summary for programs\n"
+    "\n"
+    "meshkal scenario projectile [options]       a random draw of the published example, to standard output\n"
+    "    --nodes N --seed S   (default 20 nodes, seed 1)\n"
+    "    --density D          mean number of neighbours, the node itself included (default 5)\n"
+    "\n"
+    "Exit status: 0; 1 the work failed; 2 wrong input or arguments, nothing written.\n";
+
+int main(int argc, char **argv) {
+    const char *name = argc > 1 ? argv[1] : "help";
+    if (strcmp(name, "design") == 0) return mk_command_design(argc - 1, argv + 1);
+    if (strcmp(name, "simulate") == 0) return mk_command_simulate(argc - 1, argv + 1);
+    if (strcmp(name, "scenario") == 0) return mk_command_scenario(argc - 1, argv + 1);
+    if (strcmp(name, "help") == 0 || strcmp(name, "--help") == 0 || strcmp(name, "-h") == 0) {
+        (void)fputs(help, stdout);
+        return argc > 1 ? 0 : MK_EXIT_INPUT;
+    }
+    if (strcmp(name, "--version") == 0) {
+        (void)puts("meshkal " MK_VERSION);
+        return 0;
+    }
+    (void)fprintf(stderr, "meshkal: unknown command %s (meshkal help lists them)\n", name);
+    return MK_EXIT_INPUT;
+}

@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: MIT */
+#include "network.h"
+
+#include <math.h>
+#include <meshkal/inline.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "scenario_read.h"
+
+#define MK_BITS 32
+#include <meshkal/real.h>
+#define MK_REAL_NAME "float32"
+#include "network.tmpl.h"
+#undef MK_REAL_NAME
+#undef MK_BITS
+
+#define MK_BITS 64
+#include <meshkal/real.h>
+#define MK_REAL_NAME "float64"
+#include "network.tmpl.h"
+
+mk_snapshot_t mk_snapshot_make(const mk_network_t *network, int estimators, int n) {
+    const size_t count = (size_t)estimators, size = network->real_size;
+    mk_snapshot_t snapshot;
+    snapshot.estimate = mk_allocate(count * (size_t)n, size);
+    snapshot.trace_covariance = mk_allocate(count, size);
+    snapshot.theta = mk_allocate(count, size);
+    snapshot.tolerance = mk_allocate(count, size);
+    snapshot.nis = mk_allocate(count, size);
+    snapshot.nis_rows = mk_allocate(count, sizeof *snapshot.nis_rows);
+    snapshot.faults = mk_allocate(count, sizeof *snapshot.faults);
+    return snapshot;
+}
+
+void mk_snapshot_free(mk_snapshot_t *snapshot) {
+    free(snapshot->estimate);
+    free(snapshot->trace_covariance);
+    free(snapshot->theta);
+    free(snapshot->tolerance);
+    free(snapshot->nis);
+    free(snapshot->nis_rows);
+    free(snapshot->faults);
+}
