@@ -55,13 +55,16 @@ all: $(LIBRARY) $(PROGRAM) ## the node library and the host program, in build/
 # Objects are made anew when the rules change; everything compiled waits for the packages.
 $(BUILD)/%.o: %.c Makefile | $(SETUP)
 	@mkdir -p $(@D)
-	$(CC) $(CFLAGS) $(if $(filter src/%,$<),$(INCLUDE),$(HOST_INCLUDE)) -MMD -MP -c $< -o $@
+	@echo "  CC $@"
+	@$(CC) $(CFLAGS) $(if $(filter src/%,$<),$(INCLUDE),$(HOST_INCLUDE)) -MMD -MP -c $< -o $@
 
 $(LIBRARY): $(BUILD)/src/meshkal/meshkal.o
-	rm -f $@ && ar rcs $@ $^
+	@echo "  AR $@"
+	@rm -f $@ && ar rcs $@ $^
 
 $(PROGRAM): $(HOST_OBJECTS) $(LIBRARY)
-	$(CC) $(CFLAGS) $^ $(HOST_LIBS) -o $@
+	@echo "  LD $@"
+	@$(CC) $(CFLAGS) $^ $(HOST_LIBS) -o $@
 
 -include $(HOST_OBJECTS:.o=.d) $(BUILD)/src/meshkal/meshkal.d
 
@@ -81,6 +84,20 @@ run: all ## design, simulate and record the published example, and the study on 
 	@echo && echo "== 4. The six filters on the published example, Monte Carlo"
 	@$(PROGRAM) simulate $(RUN)/projectile.json --filter all --runs 200 --json $(RUN)/summary.json
 	@echo && echo "Open the recording: .venv/bin/rerun $(RUN)/run.rrd   (log: $(RUN)/run.cbor)"
+
+# --- test and bench --------------------------------------------------------------------------------------------------------
+
+SANITIZE = -O1 -fsanitize=address,undefined -fno-sanitize-recover=all
+include tests/unit/unit.mk tests/host/host.mk tests/bench/bench.mk
+
+# Every suite runs twice: as users build it, and with the sanitizers.
+test: all ## all tests, plain and under ASan and UBSan; last line: N passed, N failed
+	@$(MAKE) --no-print-directory BUILD=$(BUILD)/sanitize OPTIMISE="$(SANITIZE)" all
+	@$(MAKE) --no-print-directory -j2 $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS)
+	@tests/run.sh $(BUILD) \
+	  py:pytest:$(PROGRAM):tests/reference,tests/host,tests/lab,tests/rerun \
+	  py:pytest-sanitized:$(BUILD)/sanitize/meshkal:tests/reference,tests/host \
+	  $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) sh:tests/package/package.sh
 
 # --- install ---------------------------------------------------------------------------------------------------------------
 

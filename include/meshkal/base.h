@@ -18,6 +18,13 @@
 /* Also compile with -ffp-contract=off (gcc -std=gnu99 fuses multiply and add by default): without it results differ between
    targets in the last bits. No macro tells, so it cannot be checked here. */
 
+/* Functions that a type macro declares: not all of them are used in every translation unit. */
+#if defined(__GNUC__) || defined(__clang__)
+#define MK_INLINE static inline __attribute__((unused))
+#else
+#define MK_INLINE static inline
+#endif
+
 #ifdef __cplusplus
 extern "C" {
 #endif

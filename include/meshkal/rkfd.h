@@ -47,7 +47,7 @@ extern "C" {
 #define MK_DECLARE_RKFD_CORE(real)                                                                                            \
     /* Configuration: dimensions and the caller's arrays, which must outlive the filter. All may be const, in flash. A caller \
        whose C_l and R_l vary keeps C, F, S, R_inverse in RAM and rewrites a sensor with mk_rkfd_sensor before its step.      \
-       Matrices are in row order; "packed" is MK_PACKED(n) numbers in the order of MK_PACKED. Sensors with fewer than m rows    \
+       Matrices are in row order; "packed" is MK_PACKED(n) numbers in the order of MK_PACKED. Sensors with fewer than m rows  \
        have zeros in the rest. */                                                                                             \
     typedef struct {                                                                                                          \
         uint16_t n, m, slots;                                                                                                 \
@@ -59,7 +59,7 @@ extern "C" {
         const mk_##real##_t *weight;    /* slots: w_l >= 0 for this node, sum 1 */                                            \
         const uint8_t *rows;            /* slots: rows of each sensor, at most m */                                           \
         const mk_##real##_t *C;         /* slots x m x n */                                                                   \
-        const mk_##real##_t *F;         /* slots x m x n: C' R^-1 by columns */                                                         \
+        const mk_##real##_t *F;         /* slots x m x n: C' R^-1 by columns */                                               \
         const mk_##real##_t *S;         /* slots x packed n: C' R^-1 C */                                                     \
         const mk_##real##_t *R_inverse; /* slots x packed m */                                                                \
         mk_##real##_t tolerance;        /* c >= 0 */                                                                          \
@@ -91,9 +91,9 @@ extern "C" {
         mk_##real##_t *work;                                                                                                  \
     } mk_rkfd_view_##real##_t;                                                                                                \
                                                                                                                               \
-    /* Fills F (by columns), S (packed n), R_inverse (packed m) of one sensor from C (m x n) and R (packed m, the leading          \
+    /* Fills F (by columns), S (packed n), R_inverse (packed m) of one sensor from C (m x n) and R (packed m, the leading     \
        rows x rows block positive definite, the rest not read), for spec 1.1. C rows beyond `rows` must be zero. work:        \
-       MK_PACKED(m) numbers. Errors: MK_ERROR_ARGUMENT, MK_ERROR_NOT_FINITE, MK_ERROR_NOT_POSITIVE_DEFINITE; outputs are then \
+       3 MK_PACKED(m) numbers. Errors: MK_ERROR_ARGUMENT, MK_ERROR_NOT_FINITE, MK_ERROR_NOT_POSITIVE_DEFINITE; outputs are then \
        untouched. */                                                                                                          \
     mk_status_t mk_rkfd_sensor_##real(int n, int m, int rows, const mk_##real##_t *C, const mk_##real##_t *R,                 \
                                       mk_##real##_t *F, mk_##real##_t *S, mk_##real##_t *R_inverse, mk_##real##_t *work);     \
@@ -166,7 +166,7 @@ MK_DECLARE_RKFD_CORE(f64)
         uint8_t have_psi[slot_count];                                                                                         \
     } name##_t;                                                                                                               \
     typedef mk_rkfd_config_##real##_t name##_config_t;                                                                        \
-    static inline mk_rkfd_view_##real##_t name##_view(name##_t *f, mk_##real##_t *work) {                                     \
+    MK_INLINE mk_rkfd_view_##real##_t name##_view(name##_t *f, mk_##real##_t *work) {                                         \
         mk_rkfd_view_##real##_t view;                                                                                         \
         view.core = &f->core;                                                                                                 \
         view.x = f->x;                                                                                                        \
@@ -178,49 +178,49 @@ MK_DECLARE_RKFD_CORE(f64)
         view.work = work;                                                                                                     \
         return view;                                                                                                          \
     }                                                                                                                         \
-    static inline mk_status_t name##_start(name##_t *f, const name##_config_t *config) {                                      \
-        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                   \
+    MK_INLINE mk_status_t name##_start(name##_t *f, const name##_config_t *config) {                                          \
+        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                               \
         const mk_rkfd_view_##real##_t view = name##_view(f, work);                                                            \
         return mk_rkfd_start_##real(n, m, slot_count, &view, config);                                                         \
     }                                                                                                                         \
-    static inline mk_status_t name##_put_measurement(name##_t *f, int slot, const mk_##real##_t *y) {                         \
+    MK_INLINE mk_status_t name##_put_measurement(name##_t *f, int slot, const mk_##real##_t *y) {                             \
         const mk_rkfd_view_##real##_t view = name##_view(f, 0);                                                               \
         return mk_rkfd_put_##real(n, m, &view, slot, y, 0);                                                                   \
     }                                                                                                                         \
-    static inline mk_status_t name##_put_innovation(name##_t *f, int slot, const mk_##real##_t *e) {                          \
+    MK_INLINE mk_status_t name##_put_innovation(name##_t *f, int slot, const mk_##real##_t *e) {                              \
         const mk_rkfd_view_##real##_t view = name##_view(f, 0);                                                               \
         return mk_rkfd_put_##real(n, m, &view, slot, e, 1);                                                                   \
     }                                                                                                                         \
-    static inline mk_status_t name##_incremental(name##_t *f, const mk_##real##_t *input) {                                   \
-        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                   \
+    MK_INLINE mk_status_t name##_incremental(name##_t *f, const mk_##real##_t *input) {                                       \
+        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                               \
         const mk_rkfd_view_##real##_t view = name##_view(f, work);                                                            \
         return kernel##incremental_##real(n, m, slot_count, &view, input);                                                    \
     }                                                                                                                         \
-    static inline mk_status_t name##_put_estimate(name##_t *f, int slot, const mk_##real##_t *psi) {                          \
+    MK_INLINE mk_status_t name##_put_estimate(name##_t *f, int slot, const mk_##real##_t *psi) {                              \
         const mk_rkfd_view_##real##_t view = name##_view(f, 0);                                                               \
         return mk_rkfd_put_estimate_##real(n, &view, slot, psi);                                                              \
     }                                                                                                                         \
-    static inline mk_status_t name##_diffuse(name##_t *f) {                                                                   \
+    MK_INLINE mk_status_t name##_diffuse(name##_t *f) {                                                                       \
         const mk_rkfd_view_##real##_t view = name##_view(f, 0);                                                               \
         return kernel##diffuse_##real(n, slot_count, &view);                                                                  \
     }                                                                                                                         \
-    static inline const mk_##real##_t *name##_estimate(const name##_t *f) { return f->x; }                                    \
-    static inline const mk_##real##_t *name##_intermediate(const name##_t *f) { return f->psi; }                              \
-    static inline mk_status_t name##_set_tolerance(name##_t *f, mk_##real##_t c) {                                            \
+    MK_INLINE const mk_##real##_t *name##_estimate(const name##_t *f) { return f->x; }                                        \
+    MK_INLINE const mk_##real##_t *name##_intermediate(const name##_t *f) { return f->psi; }                                  \
+    MK_INLINE mk_status_t name##_set_tolerance(name##_t *f, mk_##real##_t c) {                                                \
         return mk_rkfd_set_tolerance_##real(&f->core, c);                                                                     \
     }                                                                                                                         \
-    static inline mk_status_t name##_restart(name##_t *f, const mk_##real##_t *x0, const mk_##real##_t *P0) {                 \
-        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                   \
+    MK_INLINE mk_status_t name##_restart(name##_t *f, const mk_##real##_t *x0, const mk_##real##_t *P0) {                     \
+        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                               \
         const mk_rkfd_view_##real##_t view = name##_view(f, work);                                                            \
         return mk_rkfd_restart_##real(n, slot_count, &view, x0, P0);                                                          \
     }                                                                                                                         \
-    static inline mk_status_t name##_covariance(name##_t *f, mk_##real##_t *V) {                                              \
-        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                   \
+    MK_INLINE mk_status_t name##_covariance(name##_t *f, mk_##real##_t *V) {                                                  \
+        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                               \
         const mk_rkfd_view_##real##_t view = name##_view(f, work);                                                            \
         return mk_rkfd_covariance_##real(n, &view, V);                                                                        \
     }                                                                                                                         \
-    static inline mk_status_t name##_predict(name##_t *f, int slot, mk_##real##_t *e, mk_##real##_t *E) {                     \
-        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                   \
+    MK_INLINE mk_status_t name##_predict(name##_t *f, int slot, mk_##real##_t *e, mk_##real##_t *E) {                         \
+        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                               \
         const mk_rkfd_view_##real##_t view = name##_view(f, work);                                                            \
         return mk_rkfd_predict_##real(n, m, &view, slot, e, E);                                                               \
     }                                                                                                                         \

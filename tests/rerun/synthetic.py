@@ -133,7 +133,7 @@ def showcase(nodes: int, steps: int, filter: str = "rkfdu") -> Log:
         log.header["slots"] = near_slots(log.positions_m, 160 / np.sqrt(nodes))
         log._draw(np.random.default_rng(3), False, True)
         log.arrays["faults"][0, steps // 2 : steps // 2 + 3, nodes // 2] = 4
-        log.arrays["faults"][0, steps // 3, nodes // 3] = 1
+        log.arrays["faults"][0, steps // 3, nodes // 3] = 8
     return log
 
 

@@ -124,11 +124,11 @@ def test_a_run_that_is_not_there(tmp_path):
     refuse(tmp_path, Log(nodes=2, steps=2, runs=2).data(), "run 2 is not in the log", "--run", "2")
 
 
-@pytest.mark.parametrize("indices", [[0], [0, 9], "01", [0, 1, 2, 3]])
+@pytest.mark.parametrize("indices", [[], [0, 9], "01", [0, 1, 2, 3]])
 def test_position_states_that_are_not_states(tmp_path, indices):
     log = Log(nodes=2, steps=2)
     log.scenario["model"]["position_states"] = indices
-    refuse(tmp_path, log.data(), "position_states is not a list of 2 or 3 states from 0 to 3")
+    refuse(tmp_path, log.data(), "position_states is not a list of 1 to 3 states from 0 to 3")
 
 
 def test_altered_scenario_is_told(tmp_path):

@@ -87,12 +87,12 @@ def test_states_and_measurements(made):
 
 def test_measurements_of_several_rows(tmp_path):
     log = Log(nodes=3, steps=4)
-    log.header["rows"] = [2, 0, 3]
+    log.header["rows"] = [3, 0, 2]
     y = np.arange(20.0).reshape(1, 4, 5)
     log.arrays["measurements"] = y
     recording, _ = convert(log.data(), tmp_path / "run.rrd")
-    np.testing.assert_array_equal(recording.series("measurement/node/0"), y[0, :, :2])
-    np.testing.assert_array_equal(recording.series("measurement/node/2"), y[0, :, 2:])
+    np.testing.assert_array_equal(recording.series("measurement/node/0"), y[0, :, :3])
+    np.testing.assert_array_equal(recording.series("measurement/node/2"), y[0, :, 3:])
     assert "measurement/node/1" not in recording.entities()
 
 
@@ -133,7 +133,7 @@ def test_without_degrees_of_freedom_there_is_no_test_quantity(tmp_path):
 def test_truth_without_any_entry_gives_no_error(tmp_path):
     log = Log(nodes=2, steps=3)
     log.arrays["truth"][0, 1] = np.nan
-    log.arrays["error"][0, 1] = 0.0
+    log.arrays["error"][0, 1] = 5.0
     log.arrays["truth"][0, 2, 3] = np.nan
     recording, _ = convert(log.data(), tmp_path / "run.rrd")
     assert np.isnan(recording.series("error_db/network/rms")).tolist() == [False, True, False]
@@ -160,7 +160,7 @@ def test_batches_join_without_a_seam(tmp_path, monkeypatch):
 
     monkeypatch.setattr(reader, "BATCH_STEPS", 7)
     log = Log(nodes=3, steps=20)
-    log.arrays["faults"][0, 5:9, 1] = 3  # across the seam between step 6 and step 7
+    log.arrays["faults"][0, 5:9, 1] = 12  # across the seam between step 6 and step 7
     recording, _ = convert(log.data(), tmp_path / "run.rrd")
     steps, _, _ = recording.rows("theta/node/2", "Scalars:scalars")
     assert steps.tolist() == list(range(20))
@@ -172,18 +172,20 @@ def test_batches_join_without_a_seam(tmp_path, monkeypatch):
 
 def test_faults_are_logged_when_they_change(made, tmp_path):
     log = Log(nodes=3, steps=10)
-    log.arrays["faults"][0, 4:7, 1] = 0b101
-    log.arrays["faults"][0, 6, 2] = 2
+    log.arrays["faults"][0, 4:7, 1] = 0b10000100
+    log.arrays["faults"][0, 6, 2] = 8
+    log.arrays["faults"][0, ::2] += 3  # losses: counted elsewhere, not logged
     recording, _ = convert(log.data(), tmp_path / "run.rrd")
     steps, _, texts = recording.rows("faults", "TextLog:text")
     levels = recording.rows("faults", "TextLog:level")[2]
     rows = sorted(zip(steps.tolist(), (t[0] for t in texts), (v[0] for v in levels)))
     assert rows == [
-        (4, "node 1: fault mask 0x5 (bit 0, 2)", "WARN"),
-        (6, "node 2: fault mask 0x2 (bit 1)", "WARN"),
+        (4, "node 1: input refused, fault bit 7", "WARN"),
+        (6, "node 2: no measurement at all", "WARN"),
         (7, "node 1: faults over", "INFO"),
         (7, "node 2: faults over", "INFO"),
     ]
+    assert "| fault entries | 2 |" in recording.summary()
     assert "faults" not in made[1].entities()
 
 

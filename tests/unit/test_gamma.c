@@ -212,10 +212,10 @@ static const double refused_c[] = {0.0, -0.0, -1e-3, NOT_A_NUMBER, HUGE_VAL, -HU
 
 /* 3 x 3, packed; what is wrong with them is beyond doubt. */
 static const double refused_P[][6] = {
-    {0.0, 0.0, 0.0, 0.0, 0.0, 0.0}, {-1.0, 0.0, -1.0, 0.0, 0.0, -1.0},  {-3.0, 0.0, 1.0, 0.0, 0.0, 1.0},
-    {NOT_A_NUMBER, 0.0, 1.0, 0.0, 0.0, 1.0},      {1.0, NOT_A_NUMBER, 1.0, 0.0, 0.0, 1.0},     {1.0, 0.0, 1.0, 0.0, NOT_A_NUMBER, 1.0},
-    {1.0, 0.0, 1.0, 0.0, 0.0, NOT_A_NUMBER},      {HUGE_VAL, 0.0, 1.0, 0.0, 0.0, 1.0}, {1.0, 0.0, 1.0, 0.0, 0.0, HUGE_VAL},
-    {1.0, 0.0, 1.0, HUGE_VAL, 0.0, 1.0}, {1.0, 0.0, 1.0, 0.0, -HUGE_VAL, 1.0},
+    {0.0, 0.0, 0.0, 0.0, 0.0, 0.0},          {-1.0, 0.0, -1.0, 0.0, 0.0, -1.0},       {-3.0, 0.0, 1.0, 0.0, 0.0, 1.0},
+    {NOT_A_NUMBER, 0.0, 1.0, 0.0, 0.0, 1.0}, {1.0, NOT_A_NUMBER, 1.0, 0.0, 0.0, 1.0}, {1.0, 0.0, 1.0, 0.0, NOT_A_NUMBER, 1.0},
+    {1.0, 0.0, 1.0, 0.0, 0.0, NOT_A_NUMBER}, {HUGE_VAL, 0.0, 1.0, 0.0, 0.0, 1.0},     {1.0, 0.0, 1.0, 0.0, 0.0, HUGE_VAL},
+    {1.0, 0.0, 1.0, HUGE_VAL, 0.0, 1.0},     {1.0, 0.0, 1.0, 0.0, -HUGE_VAL, 1.0},
 };
 
 static void refused_inputs(void **unused) {

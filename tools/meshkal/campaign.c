@@ -96,8 +96,8 @@ static void write_item(mk_running_t *r, int run, int t) {
     mk_run_log_t *log = &r->log;
     const mk_scenario_t *s = r->c->scenario;
     const size_t E = (size_t)r->topology.estimators, size = r->c->network->real_size;
-    const int truth = r->source->has_truth, central = r->c->filter->central;
-    mk_log_begin(log, run, t, 9 + 2 * truth + !central);
+    const int truth = r->source->has_truth, central = r->c->filter->central, positions = s->position_count;
+    mk_log_begin(log, run, t, 9 + 2 * truth + !central + (positions > 0));
     if (truth) mk_log_reals(log, "truth", r->source->x, 8, (size_t)s->n);
     mk_log_reals(log, "measurements", r->source->y, 8, (size_t)r->source->row_first[s->nodes]);
     mk_log_uint8(log, "measurements_arrived", r->y_arrived, r->slots);
@@ -105,6 +105,8 @@ static void write_item(mk_running_t *r, int run, int t) {
     mk_log_reals(log, "estimate", r->snapshot.estimate, size, E * (size_t)s->n);
     if (truth) mk_log_reals(log, "error", r->error, 8, E);
     mk_log_reals(log, "trace_covariance", r->snapshot.trace_covariance, size, E);
+    if (positions > 0)
+        mk_log_reals(log, "position_covariance", r->snapshot.position_covariance, size, E * (size_t)MK_PACKED(positions));
     mk_log_reals(log, "theta", r->snapshot.theta, size, E);
     mk_log_reals(log, "tolerance", r->snapshot.tolerance, size, E);
     mk_log_reals(log, "nis", r->snapshot.nis, size, E);
@@ -211,7 +213,7 @@ static int make_tolerances(mk_running_t *r, mk_error_t *error) {
     }
     if (c->filter->mode != MK_TOLERANCE_STEADY) return 1;
     mk_design_t design;
-    if (!mk_design_make(&design, s, c->tolerance, 0, error)) return 0;
+    if (!mk_design_make(&design, s, c->tolerance, error)) return 0;
     memcpy(r->tolerance, design.local, (size_t)s->nodes * sizeof *r->tolerance);
     mk_design_free(&design);
     return 1;
@@ -268,7 +270,7 @@ int mk_campaign_run(const mk_campaign_t *c, mk_source_t *source, mk_result_t *re
     r.tolerance = r.error + E;
     r.state_square = r.tolerance + E;
     r.state_count = r.state_square + n;
-    r.snapshot = mk_snapshot_make(c->network, (int)E, s->n);
+    r.snapshot = mk_snapshot_make(c->network, (int)E, s);
     int status = MK_EXIT_INPUT;
     if (make_tolerances(&r, error)) {
         r.net = c->network->open(s, &r.topology, r.tolerance);

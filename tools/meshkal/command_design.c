@@ -86,9 +86,9 @@ static double trace(int n, const double *S) {
 
 static json_t *steady_json(int n, const mk_steady_t *steady) {
     json_t *object = json_object();
-    mk_json_set(object, "theta", json_real(steady->theta));
-    mk_json_set(object, "P", mk_json_symmetric(n, steady->P));
-    mk_json_set(object, "V", mk_json_symmetric(n, steady->V));
+    mk_json_set(object, "theta", steady->P ? json_real(steady->theta) : json_null());
+    mk_json_set(object, "P", steady->P ? mk_json_symmetric(n, steady->P) : json_null());
+    mk_json_set(object, "V", steady->V ? mk_json_symmetric(n, steady->V) : json_null());
     return object;
 }
 
@@ -138,40 +138,52 @@ static void print_bound(const char *text, double c) {
     else (void)printf("%s none", text);
 }
 
+/* One line of the table; width: of the first column. */
+static void print_line(const results_t *r, const char *name, int degree, double tolerance, const mk_steady_t *steady, const mk_admissible_t *limit) {
+    const int n = r->scenario->n;
+    (void)printf("%7s %6d %12.6g", name, degree, tolerance);
+    if (steady->P) (void)printf(" %10.5g %12.6g %12.6g", steady->theta, trace(n, steady->P), trace(n, steady->V));
+    else (void)printf(" %10s %12s %12s", "-", "grows", "grows");
+    if (!limit) (void)printf(" %12s\n", "-");
+    else if (isinf(bound(limit))) (void)printf(" %12s\n", "every c");
+    else (void)printf(" %12.4g\n", bound(limit));
+}
+
 static void print_table(const results_t *r) {
     const mk_scenario_t *s = r->scenario;
     const mk_design_t *d = &r->design;
     const int many = s->nodes > 40;
     double local = 0.0, theta = 0.0, least = INFINITY, most = 0.0;
-    int over = 0;
+    int over = 0, settled = 0;
     (void)printf("%s: %d nodes, %d states; c = %g (twice the Kullback-Leibler divergence, nats)\n\n", s->name[0] ? s->name : "scenario", s->nodes, s->n,
                  d->tolerance);
-    (void)printf("%7s %6s %12s %10s %12s %12s %12s\n", "node", "degree", "tolerance", "theta", "trace P", "trace V", "guaranteed");
-    (void)printf("%7s %6d %12.6g %10.5g %12.6g %12.6g", "central", s->nodes, d->tolerance, d->central.theta, trace(s->n, d->central.P),
-                 trace(s->n, d->central.V));
-    if (r->has_central) (void)printf(isinf(bound(&r->central)) ? "      every c\n" : " %12.4g\n", bound(&r->central));
-    else (void)puts("            -");
+    (void)printf("%7s %6s %12s %10s %12s %12s %12s\n", "node", "degree", "tolerance", "theta", "trace P", "trace V", "guaranteed <");
+    print_line(r, "central", s->nodes, d->tolerance, &d->central, r->has_central ? &r->central : NULL);
     for (int k = 0; k < s->nodes; k++) {
+        char name[16];
         local += d->local[k] / s->nodes;
-        theta += d->node[k].theta / s->nodes;
         least = fmin(least, d->local[k]);
         most = fmax(most, d->local[k]);
         over += r->node && d->local[k] > bound(&r->node[k]);
+        if (d->node[k].P) {
+            theta += d->node[k].theta;
+            settled++;
+        }
         if (many && k >= 10 && k < s->nodes - 3) continue;
-        (void)printf("%7d %6d %12.6g %10.5g %12.6g %12.6g", k, s->first[k + 1] - s->first[k], d->local[k], d->node[k].theta,
-                     trace(s->n, d->node[k].P), trace(s->n, d->node[k].V));
-        if (r->node) (void)printf(isinf(bound(&r->node[k])) ? "      every c\n" : " %12.4g\n", bound(&r->node[k]));
-        else (void)puts("            -");
+        (void)snprintf(name, sizeof name, "%d", k);
+        print_line(r, name, s->first[k + 1] - s->first[k], d->local[k], &d->node[k], r->node ? &r->node[k] : NULL);
         if (many && k == 9) (void)puts("    ...");
     }
-    (void)printf("\nmean tolerance %.6g (%.6g to %.6g), mean theta %.5g, %.2f s\n", local, least, most, theta, r->seconds);
+    (void)printf("\nmean tolerance %.6g (%.6g to %.6g), mean theta %.5g, %.2f s\n", local, least, most, theta / settled, r->seconds);
     if (r->seen.unreachable) (void)printf("not reached by Q: %d of %d state dimensions\n", r->seen.unreachable, s->n);
     if (r->seen.blind_nodes) (void)printf("nodes that do not observe all states: %d\n", r->seen.blind_nodes);
     if (!r->has_central) return;
     print_bound("convergence of the centralised filter: guaranteed for", bound(&r->central));
     (void)printf(" (%d steps); seen %s c = %.3g\n", r->central.horizon[r->central.count - 1],
                  r->settles >= SEARCH_LIMIT ? "at least up to" : "up to", r->settles);
-    if (over) (void)printf("%d nodes have a tolerance above their guaranteed bound; all of them converged here\n", over);
+    if (over)
+        (void)printf("%d nodes have a tolerance above the guaranteed one, which is sufficient, not necessary%s\n", over,
+                     settled == s->nodes ? ": all converged" : "");
 }
 
 static int write_json(const results_t *r, const char *path, mk_error_t *error) {
@@ -200,8 +212,8 @@ static int design(results_t *r, const arguments_t *a, mk_error_t *error) {
     if (a->real && strcmp(a->real, "float32") != 0 && strcmp(a->real, "float64") != 0)
         return mk_fail(error, "--real %s: must be float32 or float64", a->real);
     if (a->per_step && !a->json) return mk_fail(error, "--per-step goes with --json");
-    if (!check_observability(r, a->allow_unobservable, error) || !mk_design_make(&r->design, r->scenario, tolerance, 1, error) ||
-        !make_bounds(r, a->c_max, error))
+    if (!check_observability(r, a->allow_unobservable, error) || !mk_design_make(&r->design, r->scenario, tolerance, error) ||
+        !mk_design_nodes(&r->design, r->scenario, r->seen.node, error) || !make_bounds(r, a->c_max, error))
         return 0;
     if (a->per_step && !(r->schedule = mk_design_schedule(r->scenario, tolerance, (int)r->steps, error))) return 0;
     (void)clock_gettime(CLOCK_MONOTONIC, &to);

@@ -168,6 +168,7 @@ static json_t *make_node(const draw_t *d, int k, double side, mk_random_t *rando
 }
 
 static json_t *make_scenario(const draw_t *d, uint64_t seed, mk_random_t *random) {
+    static const double throw_m_s[3] = {20.0, 20.0, 100.0};
     const double delta = 0.1;
     json_t *root = json_object(), *model = json_object(), *A = identity(6, 1.0), *input = json_array(), *x0 = json_array();
     json_t *nodes = json_array(), *edges = json_array(), *states = json_array();
@@ -175,7 +176,8 @@ static json_t *make_scenario(const draw_t *d, uint64_t seed, mk_random_t *random
     (void)snprintf(name, sizeof name, "projectile-%d-%llu", d->nodes, (unsigned long long)seed);
     for (size_t i = 0; i < 3; i++) (void)json_array_set_new(json_array_get(A, 3 + i), i, json_real(delta));
     for (int i = 0; i < 6; i++) (void)json_array_append_new(input, json_real(i == 2 ? -10.0 * delta : 0.0));
-    for (int i = 0; i < 6; i++) (void)json_array_append_new(x0, json_real(0.0));
+    /* Errors do not depend on x0: this one makes a throw of 20 s over the field of sensors. */
+    for (int i = 0; i < 6; i++) (void)json_array_append_new(x0, json_real(i < 3 ? throw_m_s[i] : 0.0));
     for (int i = 3; i < 6; i++) (void)json_array_append_new(states, json_integer(i));
     mk_json_set(model, "A", A);
     mk_json_set(model, "Q", identity(6, 0.001));
@@ -184,7 +186,7 @@ static json_t *make_scenario(const draw_t *d, uint64_t seed, mk_random_t *random
     mk_json_set(model, "P0", identity(6, 1.0));
     mk_json_set(model, "dt_s", json_real(delta));
     mk_json_set(model, "position_states", states);
-    for (int k = 0; k < d->nodes; k++) (void)json_array_append_new(nodes, make_node(d, k, 50.0 * sqrt(d->nodes / 20.0), random));
+    for (int k = 0; k < d->nodes; k++) (void)json_array_append_new(nodes, make_node(d, k, 400.0 * sqrt(d->nodes / 20.0), random));
     for (int e = 0; e < d->edges; e++) (void)json_array_append_new(edges, json_pack("[i,i]", d->edge[2 * e], d->edge[2 * e + 1]));
     mk_json_set(root, "name", json_string(name));
     mk_json_set(root, "model", model);

@@ -88,24 +88,27 @@ void mk_design_free(mk_design_t *design) {
     memset(design, 0, sizeof *design);
 }
 
-static int design_nodes(mk_design_t *design, const mk_scenario_t *s, const double *information, mk_error_t *error) {
+int mk_design_nodes(mk_design_t *design, const mk_scenario_t *s, const int *may_grow, mk_error_t *error) {
     const size_t count = packed(s->n);
+    double *information = neighbourhood_information(s);
+    int good = 1;
     design->node = mk_allocate((size_t)s->nodes, sizeof *design->node);
-    for (int k = 0; k < s->nodes; k++) {
+    for (int k = 0; k < s->nodes && good; k++) {
         mk_recursion_t r;
         mk_recursion_open(&r, s, design->local[k]);
         memcpy(r.S, information + (size_t)k * count, count * sizeof *r.S);
-        const int good = mk_recursion_settle(&r, SETTLE_LIMIT);
-        if (good) take_steady(&design->node[k], &r);
-        mk_recursion_close(&r);
-        if (!good)
-            return mk_fail(error, "tolerance %g: the filter of node %d, with its local tolerance %g, does not converge", design->tolerance, k,
+        /* Without observability P may grow without end; there is no point in waiting long for it not to. */
+        if (mk_recursion_settle(&r, may_grow[k] ? SETTLE_LIMIT / 20 : SETTLE_LIMIT)) take_steady(&design->node[k], &r);
+        else if (!may_grow[k])
+            good = mk_fail(error, "tolerance %g: the filter of node %d, with its local tolerance %g, does not converge", design->tolerance, k,
                            design->local[k]);
+        mk_recursion_close(&r);
     }
-    return 1;
+    free(information);
+    return good;
 }
 
-int mk_design_make(mk_design_t *design, const mk_scenario_t *s, double tolerance, int with_nodes, mk_error_t *error) {
+int mk_design_make(mk_design_t *design, const mk_scenario_t *s, double tolerance, mk_error_t *error) {
     memset(design, 0, sizeof *design);
     design->n = s->n;
     design->nodes = s->nodes;
@@ -125,7 +128,6 @@ int mk_design_make(mk_design_t *design, const mk_scenario_t *s, double tolerance
         if (design->local[k] < 0.0) good = mk_fail(error, "the local tolerance of node %d cannot be computed", k);
     }
     mk_recursion_close(&r);
-    if (good && with_nodes) good = design_nodes(design, s, information, error);
     free(D);
     free(information);
     if (!good) mk_design_free(design);

@@ -30,7 +30,7 @@ int mk_recursion_settle(mk_recursion_t *recursion, long limit);
 /* Fixed point of one filter. */
 typedef struct {
     double theta;
-    double *P, *V; /* V = (P^-1 - theta I)^-1 */
+    double *P, *V; /* V = (P^-1 - theta I)^-1; both null for a node that has no fixed point */
 } mk_steady_t;
 
 typedef struct {
@@ -44,9 +44,11 @@ typedef struct {
 /* F (by columns), S and R^-1 of one sensor, as mk_rkfd_sensor_f64 makes them with m = rows. Any of the three may be null. */
 void mk_sensor_matrices(int n, const mk_sensor_t *sensor, double *F, double *S, double *R_inverse);
 
-/* RKFC to its fixed point and c_k of every node (1.5); with_nodes: every node's own fixed point too (1.4, c_k fixed).
-   1, or 0 and an error that names the filter or node that does not converge; *design is then empty. */
-int mk_design_make(mk_design_t *design, const mk_scenario_t *scenario, double tolerance, int with_nodes, mk_error_t *error);
+/* RKFC to its fixed point and c_k of every node (1.5). 1, or 0 and an error; *design is then empty. */
+int mk_design_make(mk_design_t *design, const mk_scenario_t *scenario, double tolerance, mk_error_t *error);
+/* Then every node's own fixed point (1.4, c_k fixed). may_grow, one entry a node: where it is not 0 the node need not have one. 1, or 0
+   and an error that names the node that does not converge. */
+int mk_design_nodes(mk_design_t *design, const mk_scenario_t *scenario, const int *may_grow, mk_error_t *error);
 void mk_design_free(mk_design_t *design);
 
 /* c_k(t) for t = 0 .. steps - 1, row by row (steps x nodes): tolerances of RKFDNU, V(0) = P0. Null and an error on failure. */

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "scenario_read.h"
+#include "sized.h"
 
 #define MK_BITS 32
 #include <meshkal/real.h>
@@ -20,10 +21,11 @@
 #define MK_REAL_NAME "float64"
 #include "network.tmpl.h"
 
-mk_snapshot_t mk_snapshot_make(const mk_network_t *network, int estimators, int n) {
+mk_snapshot_t mk_snapshot_make(const mk_network_t *network, int estimators, const mk_scenario_t *s) {
     const size_t count = (size_t)estimators, size = network->real_size;
     mk_snapshot_t snapshot;
-    snapshot.estimate = mk_allocate(count * (size_t)n, size);
+    snapshot.estimate = mk_allocate(count * (size_t)s->n, size);
+    snapshot.position_covariance = mk_allocate(count * (size_t)MK_PACKED(s->position_count), size);
     snapshot.trace_covariance = mk_allocate(count, size);
     snapshot.theta = mk_allocate(count, size);
     snapshot.tolerance = mk_allocate(count, size);
@@ -36,6 +38,7 @@ mk_snapshot_t mk_snapshot_make(const mk_network_t *network, int estimators, int 
 void mk_snapshot_free(mk_snapshot_t *snapshot) {
     free(snapshot->estimate);
     free(snapshot->trace_covariance);
+    free(snapshot->position_covariance);
     free(snapshot->theta);
     free(snapshot->tolerance);
     free(snapshot->nis);

@@ -5,9 +5,10 @@
 
 #include "node_config.h"
 
-/* What the nodes say of a step. `reals` in the network's precision, E each; the estimate E x n. */
+/* What the nodes say of a step, in the network's precision: E numbers each; the estimate E x n; of V the block of the p position states,
+   packed, E x p (p + 1) / 2. */
 typedef struct {
-    void *estimate, *trace_covariance; /* before the step: belong to t */
+    void *estimate, *trace_covariance, *position_covariance; /* before the step: belong to t */
     void *theta, *tolerance, *nis;     /* of the step */
     uint32_t *nis_rows, *faults;
 } mk_snapshot_t;
@@ -26,7 +27,7 @@ typedef struct {
     mk_status_t (*diffuse)(void *network, const uint8_t *arrived, int *bad);
     /* estimate as float64, E x n. */
     void (*estimate)(void *network, double *estimate);
-    /* Before a step: estimate and trace_covariance. After it: the rest. */
+    /* Before a step: estimate and covariances. After it: the rest. */
     void (*look_before)(void *network, mk_snapshot_t *snapshot);
     void (*look_after)(void *network, mk_snapshot_t *snapshot);
     /* Means over estimators of theta and tolerance of the last step. */
@@ -35,7 +36,7 @@ typedef struct {
 
 extern const mk_network_t mk_network_f32, mk_network_f64;
 
-mk_snapshot_t mk_snapshot_make(const mk_network_t *network, int estimators, int n);
+mk_snapshot_t mk_snapshot_make(const mk_network_t *network, int estimators, const mk_scenario_t *scenario);
 void mk_snapshot_free(mk_snapshot_t *snapshot);
 
 #endif

@@ -2,6 +2,7 @@
 
 typedef struct {
     int n, estimators;
+    const mk_scenario_t *scenario;
     const mk_topology_t *topology;
     MK_F_T(mk_rkfd_config) * config;
     MK_F_T(mk_rkfd) * core;
@@ -15,6 +16,7 @@ static void *MK_F(open)(const mk_scenario_t *s, const mk_topology_t *topology, c
     MK_F_T(network) *net = mk_allocate(1, sizeof *net);
     net->n = n;
     net->estimators = estimators;
+    net->scenario = s;
     net->topology = topology;
     net->config = mk_allocate((size_t)estimators, sizeof *net->config);
     net->core = mk_allocate((size_t)estimators, sizeof *net->core);
@@ -97,7 +99,7 @@ static mk_status_t MK_F(incremental)(void *network, const double *y, const int *
             const mk_status_t status = MK_F(mk_rkfd_put)(config->n, config->m, &net->view[e], l, values, 0);
             if (status != MK_OK) return status;
         }
-        const mk_status_t status = MK_F(mk_rkfd_incremental)(config->n, config->m, config->slots, &net->view[e], NULL);
+        const mk_status_t status = MK_F(mk_sized_incremental)(config->n, config->m, config->slots, &net->view[e]);
         if (status != MK_OK) return status;
     }
     return MK_OK;
@@ -129,13 +131,20 @@ static void MK_F(estimate)(void *network, double *estimate) {
 
 static void MK_F(look_before)(void *network, mk_snapshot_t *snapshot) {
     MK_F_T(network) *net = network;
-    MK_REAL *estimate = snapshot->estimate, *trace = snapshot->trace_covariance;
+    const int *position = net->scenario->position_states, positions = net->scenario->position_count;
+    MK_REAL *estimate = snapshot->estimate, *trace = snapshot->trace_covariance, *block = snapshot->position_covariance;
     MK_REAL V[MK_PACKED(MK_LARGEST_STATE)];
     for (int e = 0; e < net->estimators; e++) {
         memcpy(estimate + e * net->n, net->view[e].x, (size_t)net->n * sizeof *estimate);
+        /* W is the inverse of a positive definite matrix that the step has just factored, or of P0: it inverts. */
+        if (MK_F(mk_rkfd_covariance)(net->n, &net->view[e], V) != MK_OK) memset(V, 0, sizeof V);
         trace[e] = MK_R(0.0);
-        if (MK_F(mk_rkfd_covariance)(net->n, &net->view[e], V) != MK_OK) continue;
         for (int i = 0; i < net->n; i++) trace[e] += V[MK_AT(i, i)];
+        for (int i = 0; i < positions; i++)
+            for (int j = 0; j <= i; j++) {
+                const int a = position[i], b = position[j];
+                *block++ = V[a > b ? MK_AT(a, b) : MK_AT(b, a)];
+            }
     }
 }
 

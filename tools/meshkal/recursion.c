@@ -5,6 +5,7 @@
 #include <stdlib.h>
 
 #include "design.h"
+#include "sized.h"
 
 static size_t packed(int n) { return (size_t)MK_PACKED(n); }
 
@@ -43,10 +44,9 @@ void mk_recursion_add(mk_recursion_t *r, const mk_sensor_t *sensor) {
 int mk_recursion_step(mk_recursion_t *r) {
     const size_t count = packed(r->n);
     double *Y = r->work, *Z = Y + count, *X = Z + count, *work = X + r->n * r->n, theta;
-    int iterations;
     for (size_t i = 0; i < count; i++) Y[i] = r->W[i] + r->S[i];
-    if (mk_robust_predict_f64(r->n, r->A, r->Q, Y, X, r->P) != MK_OK) return 0;
-    if (mk_robust_information_f64(r->n, r->P, r->tolerance, Z, &theta, &iterations, work) != MK_OK) return 0;
+    if (mk_sized_predict(r->n, r->A, r->Q, Y, X, r->P) != MK_OK) return 0;
+    if (mk_sized_information(r->n, r->P, r->tolerance, Z, &theta, work) != MK_OK) return 0;
     memcpy(r->W, Z, count * sizeof *Z);
     r->theta = theta;
     return 1;

@@ -12,20 +12,22 @@ DRAWN_NODES = 100
 _LEGEND_NODES = 8
 _STATE_PLOTS = 9
 _FAULT_COLUMNS = [TextLogColumn("loglevel", visible=True), TextLogColumn("body", visible=True)]
+# A viewer that follows the end would otherwise show the last part of a long run only. Numbers instead of infinity would be
+# nanoseconds for one timeline and steps for the other.
+_TIME_AXIS = rrb.TimeAxis(view_range=rrb.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite()))
 
 
 def blueprint(header: Header, scenario: Scenario, first: Batch) -> rrb.Blueprint:
     """`first` is the first batch: it tells whether there is a truth, and where the scene is."""
-    has_truth = first.error is not None
     few = header.estimators <= DRAWN_NODES
     tabs = [
         _overview(header, scenario, first, few=few),
         _grid_tab(_consistency(header), "Consistency and losses"),
-        _grid_tab(_states(header, has_truth=has_truth, few=few), "States"),
+        _grid_tab(_states(header, has_truth=first.truth is not None, few=few), "States"),
     ]
     if header.nodes <= DRAWN_NODES:
         name = "Measurements of each node, in the units of the model"
-        tabs.append(rrb.TimeSeriesView(origin="measurement", name=name, plot_legend=_legend(False), axis_x=_time_axis(header)))
+        tabs.append(rrb.TimeSeriesView(origin="measurement", name=name, plot_legend=_legend(False), axis_x=_TIME_AXIS))
     return rrb.Blueprint(
         rrb.Tabs(*tabs, active_tab=0),
         rrb.BlueprintPanel(state="collapsed"),
@@ -52,9 +54,11 @@ def _overview(header: Header, scenario: Scenario, first: Batch, *, few: bool) ->
         _plot(header, "tolerance", f"Tolerance c {every}, nats", axis=_tolerance_axis(first)),
     ]
     colour = "error" if has_truth else "test quantity"
-    pictures = [rrb.GraphView(origin="network", name=f"Network, colour: {colour} from blue (small) to red (large)")]
+    pictures = [rrb.GraphView(origin="network", name=f"Network, colour: {colour} from blue (small) to red (large), range in the summary")]
     if scenario.position_states:
         pictures.insert(0, _scene(scenario, first, few=few))
+    else:
+        pictures.insert(0, rrb.Tabs(*_states(header, has_truth=first.truth is not None, few=few), active_tab=0))
     text = rrb.Vertical(
         rrb.TextDocumentView(origin="summary", name="Summary"),
         rrb.TextLogView(origin="faults", name="Faults", columns=rrb.TextLogColumns(text_log_columns=_FAULT_COLUMNS)),
@@ -75,12 +79,6 @@ def _scene(scenario: Scenario, first: Batch, *, few: bool) -> rrb.Spatial3DView:
     eye, target = viewpoint(scenario, first)
     camera = rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0))
     return rrb.Spatial3DView(origin="scene", contents=contents, name=name, eye_controls=camera)
-
-
-def _time_axis(header: Header) -> rrb.TimeAxis:
-    """The whole run. A viewer that follows the end would otherwise show the last part of a long run only."""
-    end = rrb.TimeRangeBoundary.absolute(seconds=max(header.steps, 1) * header.dt_s)
-    return rrb.TimeAxis(view_range=rrb.TimeRange(start=rrb.TimeRangeBoundary.absolute(seconds=0.0), end=end))
 
 
 def _tolerance_axis(first: Batch) -> rrb.ScalarAxis | None:
@@ -110,7 +108,7 @@ def _states(header: Header, *, has_truth: bool, few: bool) -> list[rrb.View]:
         if has_truth:
             wanted.append("$origin/truth")
         name = f"State {i}" + (" (white: truth)" if has_truth else "")
-        plots.append(rrb.TimeSeriesView(origin=f"state/{i}", contents=wanted, name=name, plot_legend=_legend(not few), axis_x=_time_axis(header)))
+        plots.append(rrb.TimeSeriesView(origin=f"state/{i}", contents=wanted, name=name, plot_legend=_legend(not few), axis_x=_TIME_AXIS))
     return plots
 
 
@@ -135,7 +133,7 @@ def _plot(
     if quantity == "nis_ratio":
         contents.append("$origin/expected")
     shown = _legend(not few if legend is None else legend)
-    return rrb.TimeSeriesView(origin=quantity, contents=contents, name=name, plot_legend=shown, axis_x=_time_axis(header), axis_y=axis)
+    return rrb.TimeSeriesView(origin=quantity, contents=contents, name=name, plot_legend=shown, axis_x=_TIME_AXIS, axis_y=axis)
 
 
 def _legend(visible: bool) -> rrb.PlotLegend:

@@ -12,10 +12,9 @@ from .scenario import Scenario
 NODES = "network/nodes"
 LABELS = "network/labels"
 # A graph view measures text and discs in the units of the positions, so positions are scaled until labels fit between nodes.
-SPACING = 130.0
+SPACING = 80.0
 _RADIUS = 14.0
 _LABELLED_NODES = 60
-_VALUED_NODES = 24  # with the value beside the number: longer, so for fewer
 _ROWS_A_SEND = 4096
 
 
@@ -29,7 +28,6 @@ class NetworkGraph:
         self._central = header.central
         self._nodes = header.nodes
         self._names = [str(k) for k in range(header.nodes)] + (["centre"] if header.central else [])
-        self._valued = header.nodes <= _VALUED_NODES
         edges, directed = graph_edges(header)
         positions = graph_positions(scenario.node_positions_m, header)
         rec.log(
@@ -43,10 +41,8 @@ class NetworkGraph:
         if header.nodes <= _LABELLED_NODES:
             # The view draws a node as a disc or as a text. Nodes of their own for the texts give both.
             ids = [f"label {name}" for name in self._names]
-            below = positions + (0.0, 2.3 * _RADIUS)
-            # Static data would hide the labels that come with the values.
-            labels = None if self._valued else self._names
-            rec.log(LABELS, rr.GraphNodes.from_fields(node_ids=ids, positions=below, labels=labels, show_labels=True), static=True)
+            below = positions + (0.0, 2.1 * _RADIUS)
+            rec.log(LABELS, rr.GraphNodes(ids, positions=below, labels=self._names, show_labels=True), static=True)
 
     def batch(self, step: np.ndarray, quantities: dict[str, np.ndarray]) -> None:
         """Without a truth there is no error; how far the innovations exceed what a node expects stands in for it, in dB too."""
@@ -77,14 +73,6 @@ class NetworkGraph:
             sensors = np.full((len(painted), self._nodes), colours.REFERENCE, dtype=np.uint32)
             painted = np.concatenate([sensors, painted], axis=1)
         self._rec.send_columns(NODES, times, rr.GraphNodes.columns(colors=painted.reshape(-1)).partition(each))
-        if self._valued:
-            texts = [name for row in values for name in self._texts(row)]
-            self._rec.send_columns(LABELS, times, rr.GraphNodes.columns(labels=texts).partition(each))
-
-    def _texts(self, row: np.ndarray) -> list[str]:
-        shown = [f"{value:z.1f} dB" if np.isfinite(value) else "?" for value in row]
-        plain = self._names[: len(self._names) - len(shown)]
-        return plain + [f"{name}: {value}" for name, value in zip(self._names[len(plain) :], shown)]
 
 
 def scale(values: np.ndarray, low: float, high: float) -> np.ndarray:

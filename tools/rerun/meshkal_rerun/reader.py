@@ -177,7 +177,9 @@ class LogReader:
         return item
 
 
-def _array(_decoder: object, tag: cbor2.CBORTag) -> object:
+def _array(*arguments: object) -> object:
+    # cbor2 calls with (decoder, tag) up to version 5, and with (tag, immutable) from version 6.
+    tag = next(argument for argument in arguments if isinstance(argument, cbor2.CBORTag))
     dtype = _ARRAY_DTYPES.get(tag.tag)
     if dtype is None or not isinstance(tag.value, bytes):
         return tag

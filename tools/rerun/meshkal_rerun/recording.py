@@ -15,6 +15,11 @@ from .summary import Summary
 APPLICATION_ID = "meshkal"
 _LARGEST_NS = (1 << 63) - 1
 
+# The bits of meshkal/rkfd.h.
+_FAULTS = {0: "measurement missing", 1: "estimate missing", 2: "input refused", 3: "no measurement at all"}
+# With lossy links the first two come and go at every step; they are drawn as counts and would bury the others here.
+_LOGGED = np.uint32(0xFFFFFFFF & ~0b11)
+
 _SUMMARY_STYLE = {
     "rms": (colours.SUMMARY, 3.0),
     "pooled": (colours.SUMMARY, 3.0),
@@ -120,23 +125,21 @@ class Recorder:
 
     def _faults(self, batch: Batch) -> int:
         """An entry when a node's faults change: a lasting fault would otherwise fill the log with the same line."""
-        before = np.vstack([self._last_faults, batch.faults[:-1]])
-        self._last_faults = batch.faults[-1]
-        at, who = np.nonzero(batch.faults != before)
+        faults = batch.faults & _LOGGED
+        before = np.vstack([self._last_faults, faults[:-1]])
+        self._last_faults = faults[-1]
+        at, who = np.nonzero(faults != before)
+        masks = faults[at, who]
         if len(at):
-            masks = batch.faults[at, who]
             texts = [f"{self._names[k]}: {fault_text(int(mask))}" for k, mask in zip(who, masks)]
             levels = ["WARN" if mask else "INFO" for mask in masks]
             times = time_columns(batch.step[at], self._header.dt_s)
             self._rec.send_columns("faults", times, rr.TextLog.columns(text=texts, level=levels))
-        return int(np.count_nonzero(batch.faults[at, who]))
+        return int(np.count_nonzero(masks))
 
 
 def fault_text(mask: int) -> str:
-    if mask == 0:
-        return "faults over"
-    bits = ", ".join(str(bit) for bit in range(32) if mask >> bit & 1)
-    return f"fault mask 0x{mask:x} (bit {bits})"
+    return ", ".join(_FAULTS.get(bit, f"fault bit {bit}") for bit in range(32) if mask >> bit & 1) or "faults over"
 
 
 def time_columns(step: np.ndarray, dt_s: float) -> list:

@@ -13,7 +13,7 @@ from .reader import Header, LogError
 class Scenario:
     name: str
     node_positions_m: np.ndarray | None  # (N, 3); None unless every node has one
-    position_states: tuple[int, ...] | None  # 2 or 3 indices into the state
+    position_states: tuple[int, ...] | None  # 1 to 3 indices into the state
     tolerance: str
     weights: str
 
@@ -36,7 +36,7 @@ def parse_scenario(header: Header) -> Scenario:
 
 
 def positions_of(states: np.ndarray, position_states: tuple[int, ...]) -> np.ndarray:
-    """The positions in `states` (..., n) as (..., 3) for the scene; two coordinates lie in the plane z = 0."""
+    """The positions in `states` (..., n) as (..., 3) for the scene; coordinates that are missing are 0."""
     out = np.zeros((*states.shape[:-1], 3), dtype=np.float32)
     # A diverged estimate may exceed float32; infinity is then the honest value.
     with np.errstate(over="ignore"):
@@ -61,9 +61,9 @@ def _node_positions(nodes: object, count: int) -> np.ndarray | None:
 def _position_states(indices: object, states: int) -> tuple[int, ...] | None:
     if indices is None:
         return None
-    valid = isinstance(indices, list) and len(indices) in (2, 3) and all(type(i) is int and 0 <= i < states for i in indices)
+    valid = isinstance(indices, list) and len(indices) in (1, 2, 3) and all(type(i) is int and 0 <= i < states for i in indices)
     if not valid:
-        raise LogError(f"scenario: model.position_states is not a list of 2 or 3 states from 0 to {states - 1}")
+        raise LogError(f"scenario: model.position_states is not a list of 1 to 3 states from 0 to {states - 1}")
     return tuple(indices)
 
 

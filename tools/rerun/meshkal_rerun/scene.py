@@ -98,4 +98,4 @@ def viewpoint(scenario: Scenario, batch: Batch) -> tuple[np.ndarray, np.ndarray]
     planar = high[2] - low[2] < 0.05 * (high - low).max()
     direction = np.array([0.0, -0.35, 1.0] if planar else [0.5, -0.9, 0.6])
     distance = max(float(np.linalg.norm(high - low)), 1e-3)
-    return target + 1.15 * distance * direction / np.linalg.norm(direction), target
+    return target + 1.25 * distance * direction / np.linalg.norm(direction), target

@@ -112,7 +112,7 @@ class Summary:
             "- Error in dB: 20 log10 of the norm of (truth - estimate); -20 dB is a tenth. A gap: zero, unknown or infinite.",
             "- Test quantity: squared normalised innovation over its degrees of freedom. Around 1: the node's model fits.",
             "- theta is 0 where a filter is not robust. Tolerance: twice the Kullback-Leibler divergence, in nats.",
-            "- Faults: an entry when a node's fault mask changes; the bits are those of meshkal/rkfd.h.",
+            "- Faults: an entry when a node's faults change, what is merely missing left out: it is counted in the next tab.",
         ]
         if self._scenario.position_states:
             lines.append(

@@ -1,0 +1,49 @@
+"""Finds the program under test, as tests/reference does, and runs it with bytes in and out.
+
+MESHKAL           path of the program, default build/meshkal of this checkout
+MESHKAL_REQUIRED  1: a missing program is a failure. Otherwise the tests are skipped.
+"""
+import os
+import pathlib
+import subprocess
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="session")
+def program():
+    path = pathlib.Path(os.environ.get("MESHKAL", ROOT / "build" / "meshkal")).resolve()
+    if not os.access(path, os.X_OK):
+        message = f"no program at {path}: build it or set MESHKAL"
+        (pytest.fail if os.environ.get("MESHKAL_REQUIRED") == "1" else pytest.skip)(message)
+    return str(path)
+
+
+@pytest.fixture(scope="session")
+def run(program):
+    """run(*arguments, status=0) -> CompletedProcess with bytes. Deaths by signal and sanitizer reports always fail."""
+    def call(*arguments, status=0, **options):
+        options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "timeout": 60} | options
+        done = subprocess.run([program, *map(str, arguments)], **options)
+        text = (done.stderr or b"").decode(errors="replace")
+        assert "Sanitizer" not in text and "runtime error" not in text, text
+        assert done.returncode == status, f"exit {done.returncode}, not {status}: {done.args}\n{text}"
+        return done
+    return call
+
+
+@pytest.fixture(scope="session")
+def refused(run):
+    """refused(folder, *arguments) -> the one line on standard error. Exit status 2, nothing on standard output and nothing new in the
+    folder; `{}` in an argument stands for the folder."""
+    def call(folder, *arguments):
+        before = sorted(folder.rglob("*"))
+        done = run(*(str(a).replace("{}", str(folder)) for a in arguments), status=2)
+        text = done.stderr.decode()
+        assert done.stdout == b"", done.stdout
+        assert sorted(folder.rglob("*")) == before, "something was left behind"
+        assert text.startswith("meshkal: ") and text.endswith("\n") and text.count("\n") == 1, text
+        return text[len("meshkal: "):-1]
+    return call

@@ -1,0 +1,235 @@
+/* SPDX-License-Identifier: MIT */
+/* The promise of `meshkal design --c-header`: the headers of a network, run as firmware runs them, give the simulator's numbers bit
+   for bit. Measurements and arrivals come from a log of `meshkal simulate`.
+
+   Compile with -DHEADER_BITS=32 or 64 and -I of six headers node_00.h .. node_05.h; run with the log of that network.
+   -DHEADER_SHARED replaces the unrolled kernels by those of libmeshkal.a. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include <cbor.h>
+#include <meshkal/unrolled.h>
+
+#ifdef HEADER_SHARED
+#undef MK_RKFD_UNROLLED
+#define MK_RKFD_UNROLLED MK_RKFD
+#endif
+
+#include "node_00.h"
+#include "node_01.h"
+#include "node_02.h"
+#include "node_03.h"
+#include "node_04.h"
+#include "node_05.h"
+
+#if HEADER_BITS == 32
+typedef mk_f32_t real_t;
+typedef mk_rkfd_f32_t core_t;
+enum { REAL_TAG = 85 };
+#else
+typedef mk_f64_t real_t;
+typedef mk_rkfd_f64_t core_t;
+enum { REAL_TAG = 86 };
+#endif
+enum { UINT8_TAG = 64, UINT32_TAG = 70, FLOAT64_TAG = 86 };
+enum { NODES = 6, STEPS = 200, LARGEST = 64 };
+
+/* --- one face for six types --------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    int slots, states, rows_most;
+    const uint16_t *slot;
+    const uint8_t *rows;
+    const core_t *core;
+    const real_t *x, *psi;
+    mk_status_t (*start)(void), (*incremental)(void), (*diffuse)(void);
+    mk_status_t (*put)(int slot, const real_t *y), (*put_estimate)(int slot, const real_t *psi);
+    mk_status_t (*covariance)(real_t *V);
+} node_t;
+
+#define NODE(name)                                                                                                            \
+    static name##_t name##_object;                                                                                            \
+    static mk_status_t start_##name(void) { return name##_start(&name##_object, &name##_config); }                            \
+    static mk_status_t incremental_##name(void) { return name##_incremental(&name##_object, NULL); }                          \
+    static mk_status_t diffuse_##name(void) { return name##_diffuse(&name##_object); }                                        \
+    static mk_status_t put_##name(int slot, const real_t *y) { return name##_put_measurement(&name##_object, slot, y); }      \
+    static mk_status_t put_estimate_##name(int slot, const real_t *psi) {                                                     \
+        return name##_put_estimate(&name##_object, slot, psi);                                                                \
+    }                                                                                                                         \
+    static mk_status_t covariance_##name(real_t *V) { return name##_covariance(&name##_object, V); }
+
+NODE(node00)
+NODE(node01)
+NODE(node02)
+NODE(node03)
+NODE(node04)
+NODE(node05)
+
+#define FACE(name)                                                                                                            \
+    {                                                                                                                         \
+        (int)(sizeof name##_slot / sizeof name##_slot[0]), (int)(sizeof name##_object.x / sizeof(real_t)),                    \
+            (int)(sizeof name##_object.y / sizeof(real_t) / (sizeof name##_slot / sizeof name##_slot[0])), name##_slot,       \
+            name##_rows, &name##_object.core, name##_object.x, name##_object.psi, start_##name, incremental_##name,           \
+            diffuse_##name, put_##name, put_estimate_##name, covariance_##name                                                \
+    }
+static const node_t node[NODES] = {FACE(node00), FACE(node01), FACE(node02), FACE(node03), FACE(node04), FACE(node05)};
+
+/* --- the log ------------------------------------------------------------------------------------------------------------ */
+
+static unsigned char *text;
+static size_t length, at;
+
+static void read_log(const char *path) {
+    FILE *file = fopen(path, "rb");
+    if (!file || fseek(file, 0, SEEK_END) != 0) exit(2);
+    length = (size_t)ftell(file);
+    rewind(file);
+    text = malloc(length);
+    if (!text || fread(text, 1, length, file) != length) exit(2);
+    (void)fclose(file);
+}
+
+static cbor_item_t *next_item(void) {
+    struct cbor_load_result result;
+    cbor_item_t *item = cbor_load(text + at, length - at, &result);
+    assert_non_null(item);
+    assert_true(cbor_isa_map(item));
+    at += result.read;
+    return item;
+}
+
+/* A member, still owned by the item. */
+static cbor_item_t *member(cbor_item_t *item, const char *key) {
+    struct cbor_pair *pair = cbor_map_handle(item);
+    for (size_t i = 0; i < cbor_map_size(item); i++)
+        if (cbor_string_length(pair[i].key) == strlen(key) && memcmp(cbor_string_handle(pair[i].key), key, strlen(key)) == 0)
+            return pair[i].value;
+    fail_msg("the log has no %s", key);
+    return NULL;
+}
+
+/* Copies a typed array of exactly `size` bytes. */
+static void numbers(cbor_item_t *item, const char *key, uint64_t tag, void *to, size_t size) {
+    cbor_item_t *array = member(item, key);
+    assert_true(cbor_isa_tag(array));
+    assert_int_equal(cbor_tag_value(array), tag);
+    cbor_item_t *bytes = cbor_tag_item(array);
+    assert_int_equal(cbor_bytestring_length(bytes), size);
+    memcpy(to, cbor_bytestring_handle(bytes), size);
+    cbor_decref(&bytes);
+}
+
+static int slots_before(int k) { return k ? slots_before(k - 1) + node[k - 1].slots : 0; }
+
+/* --- tests -------------------------------------------------------------------------------------------------------------- */
+
+/* Headers and log speak of the same network, so that equal numbers later mean something. */
+static void same_network(void **unused) {
+    (void)unused;
+    at = 0;
+    cbor_item_t *header = next_item(), *slots = member(header, "slots"), *rows = member(header, "rows");
+    assert_int_equal(cbor_array_size(slots), NODES);
+    for (size_t k = 0; k < NODES; k++) {
+        cbor_item_t *list = cbor_array_handle(slots)[k];
+        assert_int_equal(cbor_array_size(list), node[k].slots);
+        for (size_t l = 0; l < cbor_array_size(list); l++) {
+            assert_int_equal(cbor_get_int(cbor_array_handle(list)[l]), node[k].slot[l]);
+            assert_int_equal(cbor_get_int(cbor_array_handle(rows)[node[k].slot[l]]), node[k].rows[l]);
+        }
+        assert_int_equal(node[k].slot[0], k);
+        assert_int_equal(cbor_get_int(member(header, "states")), node[k].states);
+    }
+    cbor_decref(&header);
+}
+
+/* Every number that a node tells, before and after each step, as bytes: 0.0 and -0.0 differ too. */
+static void same_bits(void **unused) {
+    (void)unused;
+    const size_t n = (size_t)node[0].states, all_slots = (size_t)slots_before(NODES);
+    int first_row[NODES + 1] = {0}, lost = 0;
+    for (int k = 0; k < NODES; k++) first_row[k + 1] = first_row[k] + node[k].rows[0];
+    const size_t all_rows = (size_t)first_row[NODES];
+    double *y = malloc(all_rows * sizeof *y);
+    uint8_t *have_y = malloc(all_slots), *have_psi = malloc(all_slots);
+    real_t estimate[NODES * LARGEST], theta[NODES], tolerance[NODES], nis[NODES], trace[NODES], V[MK_PACKED(LARGEST)];
+    uint32_t rows[NODES], faults[NODES];
+    at = 0;
+    cbor_item_t *item = next_item();
+    cbor_decref(&item);
+    for (int k = 0; k < NODES; k++) assert_int_equal(node[k].start(), MK_OK);
+    for (int t = 0; t < STEPS; t++) {
+        item = next_item();
+        assert_int_equal(cbor_get_int(member(item, "step")), t);
+        numbers(item, "measurements", FLOAT64_TAG, y, all_rows * sizeof *y);
+        numbers(item, "measurements_arrived", UINT8_TAG, have_y, all_slots);
+        numbers(item, "estimates_arrived", UINT8_TAG, have_psi, all_slots);
+        numbers(item, "estimate", REAL_TAG, estimate, NODES * n * sizeof(real_t));
+        numbers(item, "trace_covariance", REAL_TAG, trace, sizeof trace);
+        numbers(item, "theta", REAL_TAG, theta, sizeof theta);
+        numbers(item, "tolerance", REAL_TAG, tolerance, sizeof tolerance);
+        numbers(item, "nis", REAL_TAG, nis, sizeof nis);
+        numbers(item, "nis_rows", UINT32_TAG, rows, sizeof rows);
+        numbers(item, "faults", UINT32_TAG, faults, sizeof faults);
+        cbor_decref(&item);
+        for (int k = 0; k < NODES; k++) {
+            real_t sum = 0;
+            assert_memory_equal(node[k].x, estimate + (size_t)k * n, n * sizeof(real_t));
+            assert_int_equal(node[k].covariance(V), MK_OK);
+            for (int i = 0; i < (int)n; i++) sum += V[MK_PACKED(i) + i];
+            assert_memory_equal(&sum, &trace[k], sizeof sum);
+            for (int i = 0; i < node[k].slots; i++) {
+                /* The radio keeps no order: every other step backwards. */
+                const int l = t % 2 ? node[k].slots - 1 - i : i;
+                /* Beyond a sensor's own rows anything may stand. */
+                real_t reading[LARGEST];
+                for (int r = 0; r < node[k].rows_most; r++)
+                    reading[r] = r < node[k].rows[l] ? (real_t)y[first_row[node[k].slot[l]] + r] : (real_t)NAN;
+                if (have_y[slots_before(k) + l]) assert_int_equal(node[k].put(l, reading), MK_OK);
+                else lost++;
+            }
+            assert_int_equal(node[k].incremental(), MK_OK);
+        }
+        for (int k = 0; k < NODES; k++) {
+            for (int i = 1; i < node[k].slots; i++) {
+                const int l = t % 2 ? node[k].slots - i : i;
+                if (have_psi[slots_before(k) + l]) assert_int_equal(node[k].put_estimate(l, node[node[k].slot[l]].psi), MK_OK);
+                else lost++;
+            }
+        }
+        for (int k = 0; k < NODES; k++) {
+            assert_int_equal(node[k].diffuse(), MK_OK);
+            assert_memory_equal(&node[k].core->theta, &theta[k], sizeof theta[k]);
+            assert_memory_equal(&node[k].core->tolerance, &tolerance[k], sizeof tolerance[k]);
+            assert_memory_equal(&node[k].core->nis, &nis[k], sizeof nis[k]);
+            assert_int_equal(node[k].core->nis_rows, rows[k]);
+            assert_int_equal(node[k].core->faults, faults[k]);
+        }
+    }
+    item = next_item();
+    assert_memory_equal(cbor_string_handle(member(item, "end")), "complete", strlen("complete"));
+    assert_int_equal(cbor_get_int(member(item, "items")), STEPS);
+    cbor_decref(&item);
+    assert_int_equal(at, length);
+    /* Without losses, and with theta 0, half of the code would not have been compared. */
+    assert_true(lost > STEPS);
+    assert_true(node[0].core->theta > (real_t)0);
+    free(y);
+    free(have_y);
+    free(have_psi);
+}
+
+int main(int argc, char **argv) {
+    if (argc != 2) return 2;
+    read_log(argv[1]);
+    const struct CMUnitTest tests[] = {cmocka_unit_test(same_network), cmocka_unit_test(same_bits)};
+    const int failed = cmocka_run_group_tests_name(argv[0], tests, NULL, NULL);
+    free(text);
+    return failed;
+}

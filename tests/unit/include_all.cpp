@@ -1,0 +1,57 @@
+/* SPDX-License-Identifier: MIT */
+/* Every public header in C++17, and both ways of declaring a filter in both precisions: it compiles, links, and takes a step. */
+#include <meshkal/base.h>
+#include <meshkal/gamma.h>
+#include <meshkal/rkfd.h>
+#include <meshkal/unrolled.h>
+
+#include <cstdint>
+#include <type_traits>
+
+namespace {
+
+MK_RKFD(shared_f32, f32, 2, 1, 1);
+MK_RKFD(shared_f64, f64, 2, 1, 1);
+MK_RKFD_UNROLLED(unrolled_f32, f32, 2, 1, 1);
+MK_RKFD_UNROLLED(unrolled_f64, f64, 2, 1, 1);
+
+static_assert(std::is_standard_layout<shared_f32_t>::value && std::is_trivially_copyable<shared_f32_t>::value, "plain C structs");
+static_assert(std::is_standard_layout<unrolled_f64_t>::value && std::is_trivially_copyable<unrolled_f64_t>::value, "plain C structs");
+
+template <typename T> struct constants {
+    T A[4] = {1, T(0.125), 0, 1}, Q[3] = {T(0.25), 0, T(0.25)}, x0[2] = {0, 0}, P0[3] = {1, 0, 1}, weight[1] = {1};
+    T C[2] = {1, 0}, R[1] = {1}, F[2], S[3], R_inverse[1], work[3];
+    std::uint8_t rows[1] = {1};
+};
+
+#define STEP(name, real)                                                                                                       \
+    [] {                                                                                                                       \
+        static constants<mk_##real##_t> k;                                                                                     \
+        static name##_t filter;                                                                                                \
+        mk_##real##_t y[1] = {2}, psi[2] = {0, 0}, V[3], e[1], E[1];                                                           \
+        bool good = mk_rkfd_sensor_##real(2, 1, 1, k.C, k.R, k.F, k.S, k.R_inverse, k.work) == MK_OK;                          \
+        const name##_config_t config = {2,      1,   1,   k.A, k.Q, nullptr,     k.x0,                 k.P0, k.weight,         \
+                                        k.rows, k.C, k.F, k.S, k.R_inverse, mk_##real##_t(0.02)};                              \
+        good = good && name##_start(&filter, &config) == MK_OK && name##_put_measurement(&filter, 0, y) == MK_OK;              \
+        good = good && name##_put_innovation(&filter, 0, y) == MK_ERROR_REPEATED && name##_predict(&filter, 0, e, E) == MK_OK; \
+        good = good && name##_incremental(&filter, nullptr) == MK_OK && name##_put_estimate(&filter, 1, psi) != MK_OK;         \
+        good = good && name##_intermediate(&filter)[0] > 0 && name##_diffuse(&filter) == MK_OK;                                \
+        good = good && name##_estimate(&filter)[0] > 0 && name##_covariance(&filter, V) == MK_OK && V[0] > 0;                  \
+        good = good && name##_set_tolerance(&filter, 0) == MK_OK && name##_restart(&filter, k.x0, k.P0) == MK_OK;              \
+        return good;                                                                                                           \
+    }()
+
+template <typename T> bool gamma(int (*root)(int, const T *, T, T *, T *), int (*value)(int, const T *, T, T *, T *, T *)) {
+    const T P[MK_PACKED(2)] = {2, 0, 1};
+    T work[MK_GAMMA_WORK(2)], theta, found;
+    return root(2, P, T(0.02), &theta, work) > 0 && value(2, P, theta, &found, nullptr, work) == 1;
+}
+
+} // namespace
+
+int main() {
+    const bool good = STEP(shared_f32, f32) && STEP(shared_f64, f64) && STEP(unrolled_f32, f32) && STEP(unrolled_f64, f64) &&
+                      gamma<float>(mk_gamma_root_f32, mk_gamma_f32) && gamma<double>(mk_gamma_root_f64, mk_gamma_f64) &&
+                      mk_status_name(MK_OK)[0] == 'M';
+    return good ? 0 : 1;
+}
