@@ -84,7 +84,7 @@ int mk_log_open(mk_run_log_t *log, const char *path, mk_error_t *error) {
 }
 
 void mk_log_header(mk_run_log_t *log, const mk_scenario_t *s, const mk_run_facts_t *facts) {
-    put_map(log, 18);
+    put_map(log, 19);
     put_pair(log, "format", "meshkal-log");
     put_count(log, "format_version", 1);
     put_pair(log, "program", "meshkal " MK_VERSION);
@@ -102,6 +102,7 @@ void mk_log_header(mk_run_log_t *log, const mk_scenario_t *s, const mk_run_facts
     put_key(log, "dt_s");
     put_double(log, s->dt_s);
     put_count(log, "states", (uint64_t)s->n);
+    put_count(log, "positions", (uint64_t)s->position_count);
     put_count(log, "nodes", (uint64_t)s->nodes);
     put_count(log, "estimators", (uint64_t)facts->estimators);
     put_key(log, "rows");

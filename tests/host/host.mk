@@ -1,104 +1,96 @@
 # SPDX-License-Identifier: MIT
 # CMocka tests of the host side: included by the main Makefile, or alone:  make -f tests/host/host.mk test-host-c
-# test-host-c builds and runs all of them, plain and with ASan and UBSan. $(BUILD)/sanitize/meshkal is the sanitized program,
-# for the pytest tests (MESHKAL=$(BUILD)/sanitize/meshkal).
+# HOST_TEST_PROGRAMS need no arguments and run from the top of the tree; `test-host-c` builds and runs them, half of them with ASan
+# and UBSan. The pytest tests of this folder run with MESHKAL=$(BUILD)/meshkal or $(BUILD)/sanitize/meshkal.
 
 ifndef PROGRAM
 BUILD ?= build
-PROGRAM = $(BUILD)/meshkal
-LIBRARY = $(BUILD)/libmeshkal.a
-CFLAGS ?= -std=c99 -O2 -g -ffp-contract=off -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wvla -Wmissing-prototypes -Werror
-HOST_INCLUDE = -Iinclude -Isrc -Iport/host -Itools/meshkal -D_POSIX_C_SOURCE=200809L
-$(PROGRAM) $(LIBRARY) &: host-build
+.PHONY: test-host-c
+test-host-c:
+	@$(MAKE) --no-print-directory -f Makefile BUILD=$(BUILD) $@
+else
+
+HOST_TEST := tests/host
+HOST_PLAIN := $(BUILD)/test-host
+HOST_SANE := $(BUILD)/test-host-sanitize
+HOST_TEST_LIBS := -lcmocka -llapacke -ljansson -lcbor -lsodium -lm
+SANITIZE ?= -O1 -fsanitize=address,undefined -fno-sanitize-recover=all
+
+# Objects of port/host and the library, plain and sanitized.
+HOST_PORT := $(patsubst %.c,%.o,$(wildcard port/host/*.c))
+HOST_PARTS := $(HOST_PORT:%=$(BUILD)/%) $(LIBRARY)
+HOST_SANE_PARTS := $(HOST_PORT:%=$(BUILD)/sanitize/%) $(BUILD)/sanitize/libmeshkal.a
+
+# The sanitized program is the main Makefile's own, in another place.
+.PHONY: host-sanitize
+host-sanitize:
+	@$(MAKE) --no-print-directory BUILD=$(BUILD)/sanitize OPTIMISE="$(SANITIZE)" all
+$(BUILD)/sanitize/meshkal $(HOST_SANE_PARTS): host-sanitize
 	@true
-host-build:
-	@$(MAKE) -s BUILD=$(BUILD) all
-.PHONY: host-build
-.DEFAULT_GOAL := test-host-c
-endif
-
-HOST_TEST = tests/host
-HOST_TEST_LIBS = -lcmocka -llapacke -ljansson -lcbor -lsodium -lm
-HOST_SANITIZE = -O1 -fsanitize=address,undefined -fno-sanitize-recover=all
-HOST_FILES = $(wildcard port/host/*.c)
-HOST_SANITIZED = $(patsubst %.c,$(BUILD)/sanitize/%.o,$(wildcard port/host/*.c tools/meshkal/*.c) src/meshkal/meshkal.c)
-
-# --- the sanitized program and library -------------------------------------------------------------------------------------
-
-$(BUILD)/sanitize/%.o: %.c
-	@mkdir -p $(@D)
-	$(CC) $(CFLAGS) $(HOST_SANITIZE) $(HOST_INCLUDE) -MMD -MP -c $< -o $@
-
-$(BUILD)/sanitize/meshkal: $(HOST_SANITIZED)
-	$(CC) $(CFLAGS) $(HOST_SANITIZE) $^ $(HOST_TEST_LIBS) -o $@
-
--include $(HOST_SANITIZED:.o=.d)
 
 # --- test_host and test_dense ----------------------------------------------------------------------------------------------
 
-$(BUILD)/host/test_%: $(HOST_TEST)/test_%.c $(HOST_FILES) $(LIBRARY) $(wildcard port/host/*.h)
+$(HOST_PLAIN)/test_%: $(HOST_TEST)/test_%.c $(HOST_PARTS) $(wildcard port/host/*.h)
 	@mkdir -p $(@D)
-	$(CC) $(CFLAGS) $(HOST_INCLUDE) $< $(HOST_FILES) $(LIBRARY) $(HOST_TEST_LIBS) -o $@
+	$(CC) $(CFLAGS) $(HOST_INCLUDE) $< $(HOST_PARTS) $(HOST_TEST_LIBS) -o $@
 
-$(BUILD)/sanitize/host/test_%: $(HOST_TEST)/test_%.c $(HOST_SANITIZED) $(wildcard port/host/*.h)
+$(HOST_SANE)/test_%: $(HOST_TEST)/test_%.c $(HOST_SANE_PARTS) $(wildcard port/host/*.h)
 	@mkdir -p $(@D)
-	$(CC) $(CFLAGS) $(HOST_SANITIZE) $(HOST_INCLUDE) $< $(filter $(BUILD)/sanitize/port/% $(BUILD)/sanitize/src/%,$(HOST_SANITIZED)) \
-	  $(HOST_TEST_LIBS) -o $@
+	$(CC) $(CFLAGS) $(SANITIZE) $(HOST_INCLUDE) $< $(HOST_SANE_PARTS) $(HOST_TEST_LIBS) -o $@
 
 # --- generated headers -----------------------------------------------------------------------------------------------------
 
-$(BUILD)/host/projectile.json: $(PROGRAM)
+$(HOST_PLAIN)/projectile.json: $(PROGRAM)
 	@mkdir -p $(@D)
-	$(PROGRAM) scenario projectile --nodes 6 --seed 3 > $@
+	$(PROGRAM) scenario projectile --nodes 6 --seed 3 > $@.made
+	@mv $@.made $@
 
-$(BUILD)/host/mixed.json: $(HOST_TEST)/mixed.json
+$(HOST_PLAIN)/mixed.json: $(HOST_TEST)/mixed.json
 	@mkdir -p $(@D)
 	cp $< $@
 
-# $(1) network, $(2) bits, $(3) folder below BUILD, $(4) program: headers in $(3)/host/$(1)-$(2), the log beside them.
+# $(1) network, $(2) bits, $(3) folder, $(4) program: headers in $(3)/$(1)-$(2), the log beside them.
 define HOST_NETWORK
-$$(BUILD)/$(3)host/$(1)-$(2).cbor: $$(BUILD)/host/$(1).json $(4)
-	@rm -rf $$(@:.cbor=) && mkdir -p $$(@D)
-	$(4) design $$< --c-header $$(@:.cbor=) --real float$(2) > $$(@:.cbor=.txt)
-	$(4) simulate $$< --filter rkfdnu2 --loss 0.25 --steps 200 --real float$(2) --out $$@.made > $$(@:.cbor=.run.txt)
+$(3)/$(1)-$(2).cbor: $(HOST_PLAIN)/$(1).json $(4)
+	@rm -rf $(3)/$(1)-$(2) && mkdir -p $(3)
+	$(4) design $$< --c-header $(3)/$(1)-$(2) --real float$(2) > $(3)/$(1)-$(2).txt
+	$(4) simulate $$< --filter rkfdnu2 --loss 0.25 --steps 200 --real float$(2) --out $$@.made >> $(3)/$(1)-$(2).txt
 	@mv $$@.made $$@
 endef
 
-# $(1) name, $(2) bits, $(3) folder below BUILD, $(4) library files, $(5) flags, $(6) kernel: unrolled or shared.
-define HOST_HEADER_TEST
-$$(BUILD)/$(3)host/header-$(1)-$(2)-$(6): $(HOST_TEST)/test_header.c $$(BUILD)/$(3)host/$(1)-$(2).cbor $(4)
-	$$(CC) $$(CFLAGS) $(5) $$(HOST_INCLUDE) -I$$(BUILD)/$(3)host/$(1)-$(2) -DHEADER_BITS=$(2) $(if $(filter shared,$(6)),-DHEADER_SHARED) \
-	  $$< $(4) -lcmocka -lcbor -lm -o $$@
+# $(1) network, $(2) bits, $(3) folder, $(4) library, $(5) flags, $(6) kernels: unrolled or shared.
+define HOST_HEADER
+$(3)/header-$(1)-$(2)-$(6): $(HOST_TEST)/test_header.c $(3)/$(1)-$(2).cbor $(4)
+	$(CC) $(CFLAGS) $(5) $(HOST_INCLUDE) -I$(3)/$(1)-$(2) -DHEADER_BITS=$(2) -DHEADER_LOG='"$(abspath $(3)/$(1)-$(2).cbor)"' \
+	  $(if $(filter shared,$(6)),-DHEADER_SHARED) $$< $(4) -lcmocka -lcbor -lm -o $$@
 endef
 
-HOST_SANITIZED_LIBRARY = $(BUILD)/sanitize/src/meshkal/meshkal.o
-$(foreach n,projectile mixed,$(foreach b,32 64,$(eval $(call HOST_NETWORK,$(n),$(b),,$$(PROGRAM)))))
-$(foreach n,projectile mixed,$(foreach b,32 64,$(eval $(call HOST_NETWORK,$(n),$(b),sanitize/,$$(BUILD)/sanitize/meshkal))))
-$(foreach n,projectile mixed,$(foreach b,32 64,$(foreach k,unrolled shared,$(eval $(call HOST_HEADER_TEST,$(n),$(b),,$$(LIBRARY),,$(k))))))
-$(foreach b,32 64,$(eval $(call HOST_HEADER_TEST,mixed,$(b),sanitize/,$$(HOST_SANITIZED_LIBRARY),$$(HOST_SANITIZE),unrolled)))
-$(foreach b,32 64,$(eval $(call HOST_HEADER_TEST,projectile,$(b),sanitize/,$$(HOST_SANITIZED_LIBRARY),$$(HOST_SANITIZE),shared)))
+HOST_NETWORKS := projectile-32 projectile-64 mixed-32 mixed-64
+HOST_BOTH = $(foreach n,projectile mixed,$(foreach b,32 64,$(eval $(call $(1),$(n),$(b),$(2),$(3),$(4),$(5)))))
+$(call HOST_BOTH,HOST_NETWORK,$(HOST_PLAIN),$(PROGRAM))
+$(call HOST_BOTH,HOST_NETWORK,$(HOST_SANE),$(BUILD)/sanitize/meshkal)
+$(call HOST_BOTH,HOST_HEADER,$(HOST_PLAIN),$(LIBRARY),,unrolled)
+$(call HOST_BOTH,HOST_HEADER,$(HOST_PLAIN),$(LIBRARY),,shared)
+$(call HOST_BOTH,HOST_HEADER,$(HOST_SANE),$(BUILD)/sanitize/libmeshkal.a,$(SANITIZE),shared)
 
-HOST_NETWORKS = $(foreach n,projectile mixed,$(foreach b,32 64,$(n)-$(b)))
-HOST_HEADER_TESTS = $(foreach n,$(HOST_NETWORKS),$(BUILD)/host/header-$(n)-unrolled $(BUILD)/host/header-$(n)-shared) \
-  $(foreach b,32 64,$(BUILD)/sanitize/host/header-mixed-$(b)-unrolled $(BUILD)/sanitize/host/header-projectile-$(b)-shared)
-
-# Each header alone, as firmware might include it: strict C99 and C++17. A file that includes it stands for the firmware's.
-HOST_STRICT = -Wall -Wextra -Wconversion -Wdouble-promotion -Werror -pedantic -fsyntax-only -Iinclude -Isrc
-HOST_ALONE = $(HOST_NETWORKS:%=$(BUILD)/host/%.alone)
-$(BUILD)/host/%.alone: $(BUILD)/host/%.cbor
-	@for f in $(@:.alone=)/node_*.h; do \
+# Each header alone, as firmware includes it: strict C99 and C++17.
+HOST_STRICT := -Wall -Wextra -Wconversion -Wdouble-promotion -Werror -pedantic -fsyntax-only $(INCLUDE)
+$(HOST_PLAIN)/%.alone: $(HOST_PLAIN)/%.cbor $(wildcard include/meshkal/*.h src/meshkal/*.h src/meshkal/*/*.h)
+	@for f in $(HOST_PLAIN)/$*/node_*.h; do \
 	  echo "#include \"$$f\"" | $(CC) $(HOST_STRICT) -std=c99 -x c - && echo "#include \"$$f\"" | $(CXX) $(HOST_STRICT) -std=c++17 -x c++ - || exit 1; \
 	done
 	@touch $@
+$(HOST_NETWORKS:%=$(HOST_PLAIN)/header-%-shared): $(HOST_PLAIN)/header-%-shared: $(HOST_PLAIN)/%.alone
 
 # --- run -------------------------------------------------------------------------------------------------------------------
 
-HOST_UNITS = $(foreach d,$(BUILD)/host $(BUILD)/sanitize/host,$(d)/test_host $(d)/test_dense)
+HOST_TEST_PROGRAMS := $(foreach d,$(HOST_PLAIN) $(HOST_SANE),$(d)/test_host $(d)/test_dense $(HOST_NETWORKS:%=$(d)/header-%-shared)) \
+  $(HOST_NETWORKS:%=$(HOST_PLAIN)/header-%-unrolled)
 
 .PHONY: test-host-c
-test-host-c: $(HOST_UNITS) $(HOST_HEADER_TESTS) $(HOST_ALONE)
-	@failed=; \
-	run() { if "$$@" > $$1.txt 2>&1; then echo "$${1#$(BUILD)/}: $$(sed -n 's/^\[  PASSED  \] //p' $$1.txt)"; else cat $$1.txt; failed="$$failed $$1"; fi; }; \
-	for t in $(HOST_UNITS); do run $$t; done; \
-	for t in $(HOST_HEADER_TESTS); do log=$${t%-*}; run $$t $${log%/*}/$${log#*/header-}.cbor; done; \
-	if [ -n "$$failed" ]; then echo "failed:$$failed"; exit 1; fi
+test-host-c: $(HOST_TEST_PROGRAMS)
+	@failed=; for t in $^; do \
+	  if $$t > $$t.log 2>&1; then sed -n "s,^\[  PASSED  \],$${t#$(BUILD)/}:,p" $$t.log; else cat $$t.log; failed="$$failed $$t"; fi; \
+	done; if [ -n "$$failed" ]; then echo "failed:$$failed"; exit 1; fi
+
+endif

@@ -2,7 +2,7 @@
 /* The promise of `meshkal design --c-header`: the headers of a network, run as firmware runs them, give the simulator's numbers bit
    for bit. Measurements and arrivals come from a log of `meshkal simulate`.
 
-   Compile with -DHEADER_BITS=32 or 64 and -I of six headers node_00.h .. node_05.h; run with the log of that network.
+   Compile with -DHEADER_BITS=32 or 64, -I of six headers node_00.h .. node_05.h and -DHEADER_LOG="path" of a log of their network.
    -DHEADER_SHARED replaces the unrolled kernels by those of libmeshkal.a. */
 #include <math.h>
 #include <setjmp.h>
@@ -225,11 +225,10 @@ static void same_bits(void **unused) {
     free(have_psi);
 }
 
-int main(int argc, char **argv) {
-    if (argc != 2) return 2;
-    read_log(argv[1]);
+int main(void) {
+    read_log(HEADER_LOG);
     const struct CMUnitTest tests[] = {cmocka_unit_test(same_network), cmocka_unit_test(same_bits)};
-    const int failed = cmocka_run_group_tests_name(argv[0], tests, NULL, NULL);
+    const int failed = cmocka_run_group_tests_name(HEADER_LOG, tests, NULL, NULL);
     free(text);
     return failed;
 }

@@ -3,7 +3,6 @@ good scenario; the schema has to refuse those that a schema can express, and no 
 import json
 import math
 import pathlib
-import re
 
 import jsonschema
 import pytest
@@ -67,11 +66,7 @@ BROKEN = [
     ('"name"', '@"title"', "title", f"unknown key; known are {TOP}", True),
     ('"dt_s"', '@"dt"', "model.dt", "unknown key; known are A, Q, input, x0, P0, dt_s, position_states", True),
     ('"position_m": [1.0', '@"position": [1.0', "nodes[1].position", "unknown key; known are C, R, position_m", True),
-    ('"name"', '@"a.b"', "a.b", "unknown key", True),
-    ('"dt_s"', '@"A[0]"', "model.A[0]", "unknown key", True),
-    ('"name"', '@""', '""', "unknown key", True),
-    ('"name"', '@"' + "k" * 300 + '"', "k" * 60, "unknown key", True),
-    ('{\n  "name"', '@{\n  "name"', "", 'key "model" is missing', True, '"model": {', '"seed": 4', "}\n"),
+    ('{\n  "name"', '@{\n  "name"', "", 'key "model" is missing', True, '"model": {', '"nodes"', '"nodes"'),
     ('"model": {\n    "A": [[0.9, 0.1], [0.0, 0.8]],', '@"model": {', "model", 'key "A" is missing', True),
     ('"model": {\n    "A": [[0.9, 0.1], [0.0, 0.8]],\n    "Q": [[0.1, 0.05], [0.05, 0.2]],',
      '@"model": {\n    "A": [[0.9, 0.1], [0.0, 0.8]],', "model", 'key "Q" is missing', True),
@@ -102,7 +97,7 @@ BROKEN = [
     ("[0, 1]\n  },", "@[0, 2]\n  },", "model.position_states", "entry 1 must be a state number from 0 to 1", False),
     ("[0, 1]\n  },", "@[0.5, 1]\n  },", "model.position_states", "entry 0 must be a state number from 0 to 1", True),
     ("[0, 1]\n  },", "@[-1, 1]\n  },", "model.position_states", "entry 0 must be a state number from 0 to 1", True),
-    ('"nodes": [', '@"nodes": [],\n  "nodes_": [', "nodes_", "unknown key", True),
+    ('"nodes": [', '@"nodes": [', "nodes", "must be an array with at least one node", True, '\n    {', "\n  ],\n", "],\n"),
     ('[[1.0, 1.0]],', "@[],", "nodes[2].C", "must be an array of rows", True),
     ('[[1.0, 1.0]],', "@" + json.dumps([[1.0, 0.0]] * 65) + ",", "nodes[2].C", "has 65 rows; at most 64", False),
     ("[0.0, 1.0]\n", "@[0.0, 1.0, 0.0]\n", "nodes[1].C[1]", "has 3 entries, not 2", False),
@@ -183,46 +178,60 @@ def test_broken_scenario(refused, validator, tmp_path, case):
     path = tmp_path / "broken.json"
     path.write_text(text)
     said = by_both(refused, tmp_path, path)
-    wanted = f"{path}:{line}: {key}" + (": " if key and len(key) < 60 else "")
+    wanted = f"{path}:{line}: {key}" + (": " if key else "")
     assert said.startswith(wanted), f"\nsaid   {said}\nwanted {wanted}"
     assert message in said
     assert validator.is_valid(json.loads(text)) == (not by_schema)
 
 
+@pytest.mark.parametrize("old,new", [('"name"', '"a.b"'), ('"name"', '"model.x"'), ('"dt_s"', '"A[0]"'), ('"dt_s"', '"x]"'), ('"name"', '""'),
+                                     ('"name"', '"' + "k" * 300 + '"'), ('"dt_s"', '"\\u0041\\u0041"'), ('"dt_s"', '"\\\\"')])
+def test_line_of_odd_keys(refused, tmp_path, old, new):
+    """A key may hold the signs that paths are written with. The line is right all the same, and the key can be recognised."""
+    text, line = broken_text(old, "@" + new)
+    path = tmp_path / "broken.json"
+    path.write_text(text)
+    said = by_both(refused, tmp_path, path)
+    assert said.startswith(f"{path}:{line}: ") and "unknown key" in said, said
+    assert json.loads(new)[:40] in said
+
+
+# Text, with @ before the line that jansson gives up on (it tells lines of syntax errors, not keys), and words of the message.
 SYNTAX = [
-    # text, place, words
-    ("", ":1:", "expected"),
-    ("   \n\n", ":3:", "expected"),
-    ("nonsense", ":1:", "expected near 'nonsense'"),
-    ("[]", ":1:", "must be an object"),
-    (GOOD[:-3], ":50:", "near end of file"),
-    (GOOD.replace('"small",', '"small"'), ":3:", "near '\"model\"'"),
-    (GOOD.replace("[1, 2]\n", "[1, 2],\n"), ":41:", "near ']'"),
-    (GOOD + "{}", ":51:", "end of file expected"),
-    (GOOD.replace("0.02", "NaN"), ":47:", "near 'NaN'"),
-    (GOOD.replace("0.02", "Infinity"), ":47:", "near 'Infinity'"),
-    (GOOD.replace("0.02", "-Infinity"), ":47:", "near '-'"),
-    (GOOD.replace("0.02", "1e999"), ":47:", "real number overflow near '1e999'"),
-    (GOOD.replace("20,", "9223372036854775808,"), ":48:", "too big integer near '9223372036854775808'"),
-    (GOOD.replace("0.02", "0x10"), ":47:", "near"),
-    (GOOD.replace("0.02", "02"), ":47:", "invalid token near '0'"),
-    (GOOD.replace('"steps": 20', '"seed": 20'), ":49:", "duplicate object key near '\"seed\"'"),
-    (GOOD.replace('"dt_s": 0.5', '"Q": [[1, 0], [0, 1]]'), ":9:", "duplicate object key near '\"Q\"'"),
-    (GOOD.replace("small", "sm\tall"), ":2:", "control character 0x9"),
-    (GOOD.replace("small", "sm\\u0000all"), ":2:", "\\u0000"),
-    (GOOD.replace("0.02", "0.02 // comment"), ":47:", "near"),
-    ("[" * 3000, ":1:", "maximum parsing depth reached"),
-    (b"\xff\xfe{}", ":1:", "unable to decode byte 0xff"),
-    (GOOD.encode().replace(b"small", b"sm\xc3all"), ":2:", "UTF-8"),
-    (bytes(range(256)), "", "a zero byte: not a JSON text"),
-    (GOOD.encode() + b"\0", "", "a zero byte: not a JSON text"),
+    ("@", "expected"),
+    ("   \n\n@", "expected"),
+    ("@nonsense", "expected near 'nonsense'"),
+    ("@[]", "must be an object"),
+    (GOOD[:-3] + "@", "'}' expected near end of file"),
+    (GOOD.replace('"small",', '"small"').replace('"model"', '@"model"'), "'}' expected near '\"model\"'"),
+    (GOOD.replace("[1, 2]\n  ]", "[1, 2],\n  @]"), "near ']'"),
+    (GOOD + "@{}", "end of file expected"),
+    (GOOD.replace("0.02", "@NaN"), "near 'NaN'"),
+    (GOOD.replace("0.02", "@Infinity"), "near 'Infinity'"),
+    (GOOD.replace("0.02", "@-Infinity"), "near '-'"),
+    (GOOD.replace("0.02", "@1e999"), "real number overflow near '1e999'"),
+    (GOOD.replace("20,", "@9223372036854775808,"), "too big integer near '9223372036854775808'"),
+    (GOOD.replace("0.02", "@0x10"), "near 'x"),
+    (GOOD.replace("0.02", "@02"), "invalid token near '0'"),
+    (GOOD.replace('"steps": 20,\n  "seed"', '"seed": 20,\n  @"seed"'), "duplicate object key near '\"seed\"'"),
+    (GOOD.replace('"dt_s": 0.5', '@"Q": [[1, 0], [0, 1]]'), "duplicate object key near '\"Q\"'"),
+    (GOOD.replace("small", "@sm\tall"), "control character 0x9"),
+    (GOOD.replace("small", "@sm\\u0000all"), "\\u0000"),
+    (GOOD.replace("0.02", "@0.02 // comment"), "near '/'"),
+    ("@" + "[" * 3000, "maximum parsing depth reached"),
+    (b"@\xff\xfe{}", "unable to decode byte 0xff"),
+    (GOOD.encode().replace(b"small", b"@sm\xc3all"), "unable to decode byte 0xc3"),
+    (b"\x00\x01\x02\xff", "a zero byte: not a JSON text"),
+    (GOOD.encode() + b"\0", "a zero byte: not a JSON text"),
 ]
 
 
-@pytest.mark.parametrize("text,place,words", SYNTAX, ids=range(len(SYNTAX)))
-def test_syntax(refused, tmp_path, text, place, words):
+@pytest.mark.parametrize("text,words", SYNTAX, ids=range(len(SYNTAX)))
+def test_syntax(refused, tmp_path, text, words):
+    text = text if isinstance(text, bytes) else text.encode()
+    place = f":{text[:text.index(b'@')].count(10) + 1}:" if b"@" in text else ":"
     path = tmp_path / "broken.json"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    path.write_bytes(text.replace(b"@", b""))
     said = by_both(refused, tmp_path, path)
     assert said.startswith(f"{path}{place}") and words in said, said
 
@@ -282,7 +291,3 @@ def test_weight_rules(run, tmp_path):
         assert msd[0] == pytest.approx(msd[1], rel=1e-12)
         seen[rule] = msd[0]
     assert seen["uniform"] != pytest.approx(seen["relative-degree"], rel=1e-6) != pytest.approx(seen["metropolis"], rel=1e-6)
-
-
-def test_the_table_is_of_one_line_messages():
-    assert all(re.search(r"\S", c[3]) and "\n" not in c[3] for c in BROKEN) and len({c[:2] + c[5:] for c in map(tuple, BROKEN)}) == len(BROKEN)

@@ -60,7 +60,7 @@ class Log:
         self.header = {
             "format": "meshkal-log", "format_version": 1, "program": "meshkal 0.0.0", "filter": filter, "real": real,
             "source": "drawn" if truth else "recorded", "seed": seed, "runs": runs, "steps": steps, "loss": 0.1, "dt_s": dt_s,
-            "states": states, "nodes": nodes, "estimators": e, "rows": [rows] * nodes, "slots": slots,
+            "states": states, "positions": len(position_states or ()), "nodes": nodes, "estimators": e, "rows": [rows] * nodes, "slots": slots,
         }
         self.positions_m = positions_m
         self.end = "complete"
@@ -96,6 +96,11 @@ class Log:
         }
         if not central:
             self.arrays["estimates_arrived"] = rng.random((*shape, slots)) > 0.1
+        p = h["positions"]
+        if p:
+            root = rng.normal(0, 1, (*shape, e, p, p))
+            rows, columns = np.tril_indices(p)
+            self.arrays["position_covariance"] = (root @ np.swapaxes(root, -1, -2))[..., rows, columns].reshape(*shape, -1)
         if truth:
             self.arrays["truth"] = x
             self.arrays["error"] = np.linalg.norm(estimate - x[:, :, None], axis=3)

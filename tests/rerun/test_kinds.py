@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 from readback import convert
+from scipy.spatial.transform import Rotation
 from synthetic import Log
 
 
@@ -27,14 +28,17 @@ def test_scene_positions(tmp_path):
     np.testing.assert_allclose(shown, estimate[:, :, [2, 0, 1]], rtol=1e-6)
     truth = np.array(recording.rows("scene/truth", "Points3D:positions")[2])
     np.testing.assert_allclose(truth[:, 0], log.arrays["truth"][0][:, [2, 0, 1]], rtol=1e-6)
-    sizes = np.array(recording.rows("scene/spheres_indicating_3_sigma", "Ellipsoids3D:half_sizes")[2])
-    expected = 3 * np.sqrt(log.arrays["trace_covariance"][0] / 4)
-    np.testing.assert_allclose(sizes, np.repeat(expected[:, :, None], 3, axis=2), rtol=1e-6)
-    centers = np.array(recording.rows("scene/spheres_indicating_3_sigma", "Ellipsoids3D:centers")[2])
+    # Axes and orientation together must give the covariance back.
+    sizes = np.array(recording.rows("scene/ellipsoids_3_sigma", "Ellipsoids3D:half_sizes")[2])
+    turns = Rotation.from_quat(np.array(recording.rows("scene/ellipsoids_3_sigma", "Ellipsoids3D:quaternions")[2]).reshape(-1, 4)).as_matrix()
+    shown_covariance = np.einsum("mij,mj,mkj->mik", turns, (sizes.reshape(-1, 3) / 3) ** 2, turns)
+    rows, columns = np.tril_indices(3)
+    np.testing.assert_allclose(shown_covariance[:, rows, columns], log.arrays["position_covariance"][0].reshape(-1, 6), atol=1e-5)
+    centers = np.array(recording.rows("scene/ellipsoids_3_sigma", "Ellipsoids3D:centers")[2])
     np.testing.assert_array_equal(centers, shown)
     (sensors,) = recording.rows("scene/sensors", "Points3D:positions", static=True)[2]
     np.testing.assert_allclose(sensors, log.positions_m, rtol=1e-6)
-    assert "scene/spheres_indicating_3_sigma" in recording.entities()
+    assert "scene/ellipsoids_3_sigma" in recording.entities()
 
 
 def test_two_coordinates_lie_in_a_plane(tmp_path):
@@ -148,7 +152,7 @@ def test_many_nodes_are_quick_and_summed_up(tmp_path):
     np.testing.assert_array_equal(recording.series("theta/node/999"), log.arrays["theta"][0, :, 999])
     assert recording.series("state/0/estimates").shape == (50, 1000)
     said = blueprint_text(recording)
-    assert "$origin/network/**" in said and "$origin/node/**" not in said and "- /scene/spheres" in said
+    assert "$origin/network/**" in said and "$origin/node/**" not in said and "- /scene/ellipsoids" in said
 
 
 def test_recording_id_names_the_run(tmp_path):

@@ -110,6 +110,7 @@ def test_what_has_no_logarithm_is_a_gap_and_not_infinite(tmp_path):
     recording, _ = convert(log.data(), tmp_path / "run.rrd")
     np.testing.assert_allclose(recording.series("error_db/node/1"), [np.nan] * 3 + [0, 20, -60], atol=1e-12)
     assert np.isnan(recording.series("theta/node/0")[0])
+    assert "| infinite errors, not in the RMS | 1 |" in recording.summary()
     others = log.arrays["error"][0, 2, [0, 2]]
     np.testing.assert_allclose(recording.series("error_db/network/rms")[2], decibels(np.sqrt((others**2).mean())))
 

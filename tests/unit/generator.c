@@ -47,7 +47,7 @@ void draw_covariance(generator_t *g, int n, const double *spectrum, double *resu
 }
 
 void draw_covariance_between(generator_t *g, int n, double low, double high, double *result) {
-    double spectrum[LARGEST_N];
+    double spectrum[LARGEST_N] = {0.0};
     for (int i = 0; i < n; i++) spectrum[i] = draw_log_uniform(g, low, high);
     draw_covariance(g, n, spectrum, result);
 }

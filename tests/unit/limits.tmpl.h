@@ -19,22 +19,22 @@ static int NAME(overrun)(int count, const REAL *work) {
     return last;
 }
 
-/* work: MK_PACKED(m) numbers, says the header. */
+/* work: 3 MK_PACKED(m) numbers, says the header. */
 static void NAME(sensor_work)(void **unused) {
     (void)unused;
     int worst = 0, at = 0;
     for (int m = 1; m <= 4; m++) {
-        REAL C[4] = {(REAL)1.0, (REAL)2.0, (REAL)3.0, (REAL)4.0}, R[10], F[4], S[1], R_inverse[10], work[10 + NAME(GUARD)];
+        REAL C[4] = {(REAL)1.0, (REAL)2.0, (REAL)3.0, (REAL)4.0}, R[10], F[4], S[1], R_inverse[10], work[30 + NAME(GUARD)];
         for (int i = 0; i < m; i++)
             for (int j = 0; j <= i; j++) R[MK_PACKED(i) + j] = i == j ? (REAL)2.0 : (REAL)0.5;
-        NAME(guard)(MK_PACKED(m), work);
+        NAME(guard)(3 * MK_PACKED(m), work);
         assert_int_equal(NAME(mk_rkfd_sensor)(1, m, m, C, R, F, S, R_inverse, work), MK_OK);
-        if (NAME(overrun)(MK_PACKED(m), work) > worst) {
-            worst = NAME(overrun)(MK_PACKED(m), work);
+        if (NAME(overrun)(3 * MK_PACKED(m), work) > worst) {
+            worst = NAME(overrun)(3 * MK_PACKED(m), work);
             at = m;
         }
     }
-    if (worst) fail_msg("mk_rkfd_sensor wrote %d numbers beyond MK_PACKED(m), m = %d", worst, at);
+    if (worst) fail_msg("mk_rkfd_sensor wrote %d numbers beyond 3 MK_PACKED(m), m = %d", worst, at);
 }
 
 /* MK_RKFD_WORK(n, m) is enough for every kernel at every shape, MK_GAMMA_WORK(n) for the root. */
@@ -141,25 +141,38 @@ static void NAME(huge_reading)(void **unused) {
     else if (!(b.filter.core.nis > (REAL)1e6)) fail_msg("reading %g: MK_OK and nis %g", (double)reading[0], (double)b.filter.core.nis);
 }
 
-/* Covariances at the ends of the range, with c = 0, where no root speaks up: a trace that overflows, an inverse that does. */
-static void NAME(extreme_covariance)(void **unused) {
+/* P = size I, with c = 0, where no root search speaks up. */
+static void NAME(covariance_of_size)(REAL size) {
+    TYPE(bench) b;
+    NAME(bench_start)(&b);
+    memset(b.A, 0, sizeof b.A);
+    b.Q[0] = b.Q[2] = size;
+    b.Q[1] = (REAL)0.0;
+    assert_int_equal(TINY(set_tolerance)(&b.filter, (REAL)0.0), MK_OK);
+    TYPE(tiny) before;
+    memcpy(&before, &b.filter, sizeof before);
+    const mk_status_t status = TINY(incremental)(&b.filter, NULL);
+    if (status != MK_OK) assert_memory_equal(&before, &b.filter, sizeof before);
+    else if (!isfinite(b.filter.core.trace_P) || !isfinite(b.filter.W[0]) || !(b.filter.W[0] > (REAL)0.0))
+        fail_msg("P = %g I: MK_OK with trace_P %g, W %g", (double)size, (double)b.filter.core.trace_P, (double)b.filter.W[0]);
+}
+
+/* The largest has a trace that overflows. */
+static void NAME(large_covariance)(void **unused) {
     (void)unused;
-    const REAL most = sizeof(REAL) == sizeof(float) ? (REAL)3e38 : (REAL)1.7e308;
-    const REAL size[] = {most, (REAL)0.5 * most, NAME(huge), NAME(minute), (REAL)1.0 / most, (REAL)0.25 / most};
-    for (int k = 0; k < 6; k++) {
-        TYPE(bench) b;
-        NAME(bench_start)(&b);
-        memset(b.A, 0, sizeof b.A);
-        b.Q[0] = b.Q[2] = size[k];
-        b.Q[1] = (REAL)0.0;
-        assert_int_equal(TINY(set_tolerance)(&b.filter, (REAL)0.0), MK_OK);
-        TYPE(tiny) before;
-        memcpy(&before, &b.filter, sizeof before);
-        const mk_status_t status = TINY(incremental)(&b.filter, NULL);
-        if (status != MK_OK) assert_memory_equal(&before, &b.filter, sizeof before);
-        else if (!isfinite(b.filter.core.trace_P) || !isfinite(b.filter.W[0]) || !(b.filter.W[0] > (REAL)0.0))
-            fail_msg("P = %g I: MK_OK with trace_P %g, W %g", (double)size[k], (double)b.filter.core.trace_P, (double)b.filter.W[0]);
-    }
+    const REAL most = sizeof(REAL) == sizeof(float) ? (REAL)FLT_MAX : (REAL)DBL_MAX;
+    NAME(covariance_of_size)(NAME(huge));
+    NAME(covariance_of_size)((REAL)0.25 * most);
+    NAME(covariance_of_size)((REAL)0.99 * most);
+}
+
+/* The smallest has an inverse that overflows. */
+static void NAME(small_covariance)(void **unused) {
+    (void)unused;
+    const REAL least = sizeof(REAL) == sizeof(float) ? (REAL)FLT_MIN : (REAL)DBL_MIN;
+    NAME(covariance_of_size)(NAME(minute));
+    NAME(covariance_of_size)(least);
+    NAME(covariance_of_size)((REAL)0.125 * least);
 }
 
 /* One node without neighbours and without a reading for 1e4 steps: finite numbers or a status, and no change after one. */

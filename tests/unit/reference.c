@@ -128,11 +128,10 @@ void reference_incremental(const model_t *model, reference_t *state, const doubl
     const int n = model->n;
     double C[LARGEST_STACK * LARGEST_N], R[LARGEST * LARGEST], e[LARGEST_STACK];
     double Ct[LARGEST_N * LARGEST_STACK], R_inverse[LARGEST * LARGEST], F[LARGEST_N * LARGEST_STACK], E[LARGEST * LARGEST];
-    double M[LARGEST_N * LARGEST_N], W[LARGEST_N * LARGEST_N], AM[LARGEST_N * LARGEST_N], b[LARGEST_N], gain[LARGEST_N];
+    double M[LARGEST_N * LARGEST_N], W[LARGEST_N * LARGEST_N], AM[LARGEST_N * LARGEST_N], b[LARGEST_N] = {0.0}, gain[LARGEST_N];
     const int rows = stack(model, y, state->x, C, R, e);
 
     reference_inverse(n, state->V, W);
-    for (int i = 0; i < n; i++) b[i] = 0.0;
     state->nis = state->square = 0.0;
     state->nis_rows = rows;
     if (rows > 0) {

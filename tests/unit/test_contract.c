@@ -1,11 +1,5 @@
 /* SPDX-License-Identifier: MIT */
 /* What <meshkal/rkfd.h> promises besides numbers: statuses, untouched state after a failure, order of calls, faults, counters. */
-
-/* clang wants every static inline function of the unit that declares the type to be used. */
-#if defined(__clang__)
-#pragma clang diagnostic ignored "-Wunused-function"
-#endif
-
 #include <float.h>
 #include <math.h>
 #include <setjmp.h>

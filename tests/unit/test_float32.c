@@ -4,12 +4,6 @@
    position away without bound, and float32 with it: here the known input r(t) also holds a thrust that keeps the true state within
    some tens of units. One reading and one estimate in ten are lost. The size that the difference is related to is the root mean
    square of the true state over all components and steps. */
-
-/* clang wants every static inline function of the unit that declares the type to be used. */
-#if defined(__clang__)
-#pragma clang diagnostic ignored "-Wunused-function"
-#endif
-
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -6,11 +6,6 @@
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
 #endif
-/* clang wants every static inline function of the unit that declares the type to be used. */
-#if defined(__clang__)
-#pragma clang diagnostic ignored "-Wunused-function"
-#endif
-
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -5,7 +5,7 @@ from rerun.blueprint.encodings import TextLogColumn
 
 from .reader import Batch, Header
 from .scenario import Scenario
-from .scene import SPHERES, viewpoint
+from .scene import ELLIPSOIDS, viewpoint
 
 # The viewer draws a hundred lines in a plot at ease, and a thousand not.
 DRAWN_NODES = 100
@@ -74,7 +74,7 @@ def _overview(header: Header, scenario: Scenario, first: Batch, *, few: bool) ->
 
 
 def _scene(scenario: Scenario, first: Batch, *, few: bool) -> rrb.Spatial3DView:
-    contents = ["$origin/**"] if few else ["$origin/**", f"- /{SPHERES}"]
+    contents = ["$origin/**"] if few else ["$origin/**", f"- /{ELLIPSOIDS}"]
     name = "Position, m: " + ("truth (white), " if first.truth is not None else "") + "estimates (coloured), sensors (grey)"
     eye, target = viewpoint(scenario, first)
     camera = rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0))

@@ -44,6 +44,7 @@ class Header:
     loss: float
     dt_s: float
     states: int
+    positions: int  # states that are coordinates of a position
     nodes: int
     estimators: int
     rows: tuple[int, ...]
@@ -76,6 +77,7 @@ class Batch:
     truth: np.ndarray | None
     error: np.ndarray | None
     estimates_arrived: np.ndarray | None
+    position_covariance: np.ndarray | None  # (T, E, p (p + 1) / 2), rows of the lower triangle
 
 
 @dataclass
@@ -244,6 +246,7 @@ def _header(item: object) -> Header:
         loss=take("loss", _is_finite_number),
         dt_s=take("dt_s", lambda value: _is_finite_number(value) and value > 0),
         states=take("states", positive),
+        positions=take("positions", lambda value: _is_unsigned(value) and value <= 3),
         nodes=nodes,
         estimators=estimators,
         rows=tuple(take("rows", rows_valid)),
@@ -251,7 +254,7 @@ def _header(item: object) -> Header:
     )
 
 
-_OPTIONAL = ("truth", "error", "estimates_arrived")
+_OPTIONAL = ("truth", "error", "estimates_arrived", "position_covariance")
 
 
 def _lengths(header: Header) -> dict[str, tuple[np.dtype, int]]:
@@ -267,6 +270,7 @@ def _lengths(header: Header) -> dict[str, tuple[np.dtype, int]]:
         "estimate": (real, e * header.states),
         "error": (double, e),
         "trace_covariance": (real, e),
+        "position_covariance": (real, e * header.positions * (header.positions + 1) // 2),
         "theta": (real, e),
         "tolerance": (real, e),
         "nis": (real, e),
@@ -294,5 +298,7 @@ def _batch(items: list[dict], header: Header) -> Batch:
         return np.stack([item[key] for item in items]) if key in items[0] else None
 
     arrays = {key: stack(key) for key in _lengths(header)}
-    arrays["estimate"] = arrays["estimate"].reshape(len(items), header.estimators, header.states)
+    for key in ("estimate", "position_covariance"):
+        if arrays[key] is not None:
+            arrays[key] = arrays[key].reshape(len(items), header.estimators, -1)
     return Batch(step=np.array([item["step"] for item in items], dtype=np.int64), **arrays)

@@ -1,4 +1,4 @@
-"""The 3-D scene: truth and its trail, the estimates, spheres for their uncertainty, the sensors and their links."""
+"""The 3-D scene: truth and its trail, the estimates, ellipsoids for their uncertainty, the sensors and their links."""
 
 import numpy as np
 import rerun as rr
@@ -9,8 +9,7 @@ from .scenario import Scenario, positions_of
 
 TRAIL_STEPS = 60
 
-# The log has only the trace of a covariance, which mixes all states: the sphere hints at a size and claims no more.
-SPHERES = "scene/spheres_indicating_3_sigma"
+ELLIPSOIDS = "scene/ellipsoids_3_sigma"
 
 
 class Scene:
@@ -18,14 +17,13 @@ class Scene:
         self, rec: rr.RecordingStream, header: Header, scenario: Scenario, names: list[str], node_colours: np.ndarray
     ) -> None:
         self._rec = rec
-        self._states = header.states
         self._position_states = scenario.position_states
         self._path: list[np.ndarray] = []  # every known true position, for the whole path
         self._recent = np.zeros((0, 3), dtype=np.float32)  # the last of them, for the trail
         # Negative radii are sizes on the screen, which suit any scale of the scene.
         self._style("scene/estimates", rr.Points3D, colors=node_colours, labels=names, show_labels=False, radii=-4.0)
         faint = colours.with_alpha(node_colours, 90)
-        self._style(SPHERES, rr.Ellipsoids3D, colors=faint, labels=names, show_labels=False, line_radii=-0.4)
+        self._style(ELLIPSOIDS, rr.Ellipsoids3D, colors=faint, labels=names, show_labels=False, line_radii=-0.4)
         self._sensors(header, scenario)
 
     def _sensors(self, header: Header, scenario: Scenario) -> None:
@@ -50,10 +48,10 @@ class Scene:
         centers = positions_of(batch.estimate, self._position_states).reshape(-1, 3)
         self._rec.send_columns("scene/estimates", times, rr.Points3D.columns(positions=centers).partition(each))
 
-        with np.errstate(invalid="ignore"):
-            radii = 3.0 * np.sqrt(batch.trace_covariance.astype(np.float64) / self._states)
-        half_sizes = np.repeat(radii.astype(np.float32).reshape(-1, 1), 3, axis=1)
-        self._rec.send_columns(SPHERES, times, rr.Ellipsoids3D.columns(centers=centers, half_sizes=half_sizes).partition(each))
+        if batch.position_covariance is not None:
+            half_sizes, quaternions = ellipsoids(batch.position_covariance.reshape(count * estimators, -1), 3.0)
+            columns = rr.Ellipsoids3D.columns(centers=centers, half_sizes=half_sizes, quaternions=quaternions)
+            self._rec.send_columns(ELLIPSOIDS, times, columns.partition(each))
 
         if batch.truth is not None:
             self._truth(times, positions_of(batch.truth, self._position_states))
@@ -81,6 +79,38 @@ class Scene:
 
     def _style(self, path: str, archetype: type, **fields: object) -> None:
         self._rec.log(path, archetype.from_fields(**fields), static=True)
+
+
+def ellipsoids(packed: np.ndarray, sigmas: float) -> tuple[np.ndarray, np.ndarray]:
+    """Half axes (M, 3) and orientations (M, 4: x, y, z, w) of covariances (M, 1, 3 or 6), lower triangles by rows. Coordinates that are
+    missing have no extent."""
+    size = {1: 1, 3: 2, 6: 3}[packed.shape[1]]
+    matrices = np.zeros((len(packed), 3, 3))
+    rows, columns = np.tril_indices(size)
+    matrices[:, rows, columns] = matrices[:, columns, rows] = packed
+    known = np.isfinite(matrices).all(axis=(1, 2))
+    matrices[~known] = 0.0
+    values, axes = np.linalg.eigh(matrices)
+    # A rotation, not a reflection.
+    axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]
+    half = sigmas * np.sqrt(np.maximum(values, 0.0))
+    half[~known] = np.nan
+    return half.astype(np.float32), _quaternions(axes)
+
+
+def _quaternions(r: np.ndarray) -> np.ndarray:
+    """Unit quaternions (x, y, z, w) of rotation matrices (M, 3, 3). 4 q q' is linear in the matrix: its row with the largest
+    diagonal element is the quaternion, scaled, without cancellation."""
+    xx, yy, zz = r[:, 0, 0], r[:, 1, 1], r[:, 2, 2]
+    products = np.empty((len(r), 4, 4))
+    products[:, 0, 0], products[:, 1, 1] = 1 + xx - yy - zz, 1 - xx + yy - zz
+    products[:, 2, 2], products[:, 3, 3] = 1 - xx - yy + zz, 1 + xx + yy + zz
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        products[:, i, j] = products[:, j, i] = r[:, i, j] + r[:, j, i]
+        products[:, k, 3] = products[:, 3, k] = r[:, j, i] - r[:, i, j]
+    largest = np.argmax(products[:, range(4), range(4)], axis=1)
+    rows = products[np.arange(len(r)), largest]
+    return (rows / np.linalg.norm(rows, axis=1, keepdims=True)).astype(np.float32)
 
 
 def viewpoint(scenario: Scenario, batch: Batch) -> tuple[np.ndarray, np.ndarray]:

@@ -27,6 +27,7 @@ class Summary:
         self._nis = np.zeros(2)
         self._squares = np.zeros(header.estimators)
         self._known = np.zeros(header.estimators)
+        self._infinite = 0
         self._last_rms_db: float | None = None
         self._has_estimates_arrived = False
 
@@ -47,6 +48,7 @@ class Summary:
             with np.errstate(over="ignore"):
                 self._squares += np.square(np.where(known, error, 0.0)).sum(axis=0)
             self._known += known.sum(axis=0)
+            self._infinite += int(np.isinf(error).sum())
             self._last_rms_db = float(network["error_db"]["rms"][-1])
 
     def text(self, end: str | None, colour_range: tuple[float, float] | None) -> str:
@@ -68,6 +70,8 @@ class Summary:
                 rows.append(("best and worst node", f"{self._names[best]}: {_db(each[best])}, {self._names[worst]}: {_db(each[worst])}"))
         else:
             rows.append(("error", "no truth in the log"))
+        if self._infinite:
+            rows.append(("infinite errors, not in the RMS", str(self._infinite)))
         if self._nis[1] > 0:
             rows.append(("mean test quantity (expected 1)", f"{self._nis[0] / self._nis[1]:.2f}"))
         rows.append(("measurements missing", self._share("measurements")))
@@ -116,8 +120,8 @@ class Summary:
         ]
         if self._scenario.position_states:
             lines.append(
-                "- Spheres: radius 3 sqrt(trace V / states). An indication only: the trace mixes positions with other states, "
-                "and V is the node's own covariance, not that of its error."
+                "- Ellipsoids: 3 sigma of the position, from the covariance V that the node holds. Diffusion changes the error "
+                "and not V, so it is not the covariance of the error."
             )
         return "\n".join(lines)
 
