@@ -92,8 +92,8 @@ include tests/unit/unit.mk tests/host/host.mk tests/bench/bench.mk
 
 # Every suite runs twice: as users build it, and with the sanitizers.
 test: all ## all tests, plain and under ASan and UBSan; last line: N passed, N failed
-	@$(MAKE) --no-print-directory BUILD=$(BUILD)/sanitize OPTIMISE="$(SANITIZE)" all
-	@$(MAKE) --no-print-directory -j2 $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS)
+	@$(MAKE) -s --no-print-directory BUILD=$(BUILD)/sanitize OPTIMISE="$(SANITIZE)" all
+	@$(MAKE) -s --no-print-directory -j2 $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS)
 	@tests/run.sh $(BUILD) \
 	  py:pytest:$(PROGRAM):tests/reference,tests/host,tests/lab,tests/rerun \
 	  py:pytest-sanitized:$(BUILD)/sanitize/meshkal:tests/reference,tests/host \

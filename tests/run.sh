@@ -14,7 +14,7 @@ add() { # passed, failed, title, log
     passed=$((passed + $1)) failed=$((failed + $2))
     if [ "$2" -gt 0 ]; then printf '%s: %s passed, %s FAILED\n' "$3" "$1" "$2" && tail -n 60 "$4"; else printf '%s: %s passed\n' "$3" "$1"; fi
 }
-count() { sed -n "s/.*[^0-9]\([0-9][0-9]*\) $1.*/\1/p" "$2" | tail -n 1; }
+count() { grep -oE "[0-9]+ $1\b" "$2" | tail -n 1 | cut -d' ' -f1; }
 
 for item in "$@"; do
     case $item in
@@ -45,7 +45,7 @@ for item in "$@"; do
 done
 wait
 for name in $waiting; do
-    log=$logs/$name.log good=$(count passed "$logs/$name.log") bad=$(count failed "$logs/$name.log") errors=$(count 'error[s]*' "$logs/$name.log")
+    log=$logs/$name.log good=$(count passed "$logs/$name.log") bad=$(count failed "$logs/$name.log") errors=$(count 'errors?' "$logs/$name.log")
     bad=$((${bad:-0} + ${errors:-0}))
     grep -q '^exit status 0' "$log" || [ "$bad" -gt 0 ] || bad=1
     add "${good:-0}" "$bad" "$name" "$log"

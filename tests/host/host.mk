@@ -32,36 +32,39 @@ $(BUILD)/sanitize/meshkal $(HOST_SANE_PARTS): host-sanitize
 
 $(HOST_PLAIN)/test_%: $(HOST_TEST)/test_%.c $(HOST_PARTS) $(wildcard port/host/*.h)
 	@mkdir -p $(@D)
-	$(CC) $(CFLAGS) $(HOST_INCLUDE) $< $(HOST_PARTS) $(HOST_TEST_LIBS) -o $@
+	@echo "  LD $@"
+	@$(CC) $(CFLAGS) $(HOST_INCLUDE) $< $(HOST_PARTS) $(HOST_TEST_LIBS) -o $@
 
 $(HOST_SANE)/test_%: $(HOST_TEST)/test_%.c $(HOST_SANE_PARTS) $(wildcard port/host/*.h)
 	@mkdir -p $(@D)
-	$(CC) $(CFLAGS) $(SANITIZE) $(HOST_INCLUDE) $< $(HOST_SANE_PARTS) $(HOST_TEST_LIBS) -o $@
+	@echo "  LD $@"
+	@$(CC) $(CFLAGS) $(SANITIZE) $(HOST_INCLUDE) $< $(HOST_SANE_PARTS) $(HOST_TEST_LIBS) -o $@
 
 # --- generated headers -----------------------------------------------------------------------------------------------------
 
 $(HOST_PLAIN)/projectile.json: $(PROGRAM)
 	@mkdir -p $(@D)
-	$(PROGRAM) scenario projectile --nodes 6 --seed 3 > $@.made
+	@$(PROGRAM) scenario projectile --nodes 6 --seed 3 > $@.made
 	@mv $@.made $@
 
 $(HOST_PLAIN)/mixed.json: $(HOST_TEST)/mixed.json
 	@mkdir -p $(@D)
-	cp $< $@
+	@cp $< $@
 
 # $(1) network, $(2) bits, $(3) folder, $(4) program: headers in $(3)/$(1)-$(2), the log beside them.
 define HOST_NETWORK
 $(3)/$(1)-$(2).cbor: $(HOST_PLAIN)/$(1).json $(4)
 	@rm -rf $(3)/$(1)-$(2) && mkdir -p $(3)
-	$(4) design $$< --c-header $(3)/$(1)-$(2) --real float$(2) > $(3)/$(1)-$(2).txt
-	$(4) simulate $$< --filter rkfdnu2 --loss 0.25 --steps 200 --real float$(2) --out $$@.made >> $(3)/$(1)-$(2).txt
+	@$(4) design $$< --c-header $(3)/$(1)-$(2) --real float$(2) > $(3)/$(1)-$(2).txt
+	@$(4) simulate $$< --filter rkfdnu2 --loss 0.25 --steps 200 --real float$(2) --out $$@.made >> $(3)/$(1)-$(2).txt
 	@mv $$@.made $$@
 endef
 
 # $(1) network, $(2) bits, $(3) folder, $(4) library, $(5) flags, $(6) kernels: unrolled or shared.
 define HOST_HEADER
 $(3)/header-$(1)-$(2)-$(6): $(HOST_TEST)/test_header.c $(3)/$(1)-$(2).cbor $(4)
-	$(CC) $(CFLAGS) $(5) $(HOST_INCLUDE) -I$(3)/$(1)-$(2) -DHEADER_BITS=$(2) -DHEADER_LOG='"$(abspath $(3)/$(1)-$(2).cbor)"' \
+	@echo "  LD $$@"
+	@$(CC) $(CFLAGS) $(5) $(HOST_INCLUDE) -I$(3)/$(1)-$(2) -DHEADER_BITS=$(2) -DHEADER_LOG='"$(abspath $(3)/$(1)-$(2).cbor)"' \
 	  $(if $(filter shared,$(6)),-DHEADER_SHARED) $$< $(4) -lcmocka -lcbor -lm -o $$@
 endef
 

@@ -105,6 +105,21 @@ def test_no_loss_is_loss_zero(logged):
         assert sorted(np.flatnonzero(item["measurements_arrived"])) == list(firsts) == sorted(np.flatnonzero(item["estimates_arrived"]))
 
 
+def test_losses_do_not_know_the_noise(logged):
+    """Whether a message arrives has nothing to do with the noise in it, nor with that of the node that waits for it."""
+    header, steps, _ = log(logged("--steps", 1000, "--loss", 0.5))
+    C = np.concatenate([n["C"] for n in json.loads(header["scenario"])["nodes"]])
+    noise = np.array([(i["measurements"] - C @ i["truth"])[0::2] for i in steps])
+    noise /= noise.std(axis=0)
+    links = [(e, l) for e, slots in enumerate(header["slots"]) for l in slots]
+    for key in ("measurements_arrived", "estimates_arrived"):
+        arrived = np.array([i[key] for i in steps]) - 0.5
+        for end in (0, 1):
+            products = np.array([(arrived[:, i] * noise[:, link[end]]).sum() for i, link in enumerate(links) if link[0] != link[1]])
+            assert abs(np.mean(arrived[:, [a != b for a, b in links]])) < 0.02
+            assert np.abs(products).max() < 4.5 * 0.5 * np.sqrt(1000), key
+
+
 def test_options_replace_the_scenario(logged, scenario, tmp_path):
     text = json.loads(scenario.read_text())
     for option, value in (("seed", 77), ("tolerance", 0.3), ("steps", 31)):
@@ -263,7 +278,8 @@ def test_file_that_cannot_grow(run, scenario, tmp_path, limit):
                     ("design", scenario, "--c-header", tmp_path / "x"), ("simulate", scenario, "--out", tmp_path / "log")):
         said = run(*command, **options).stderr
         assert said.startswith(b"meshkal: ") and b"File too large" in said, said
-        assert not [p for p in tmp_path.rglob("*") if p.is_file() and p.name != "log"]
+        # Headers that were complete before stay.
+        assert all(p.name == "log" or p.name.startswith("node_") and p.read_text().endswith("\n#endif\n") for p in tmp_path.rglob("*") if p.is_file())
     found, _ = items((tmp_path / "log").read_bytes())
     assert all(item.get("end") != "complete" for item, _ in found)
 
