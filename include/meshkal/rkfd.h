@@ -117,10 +117,12 @@ extern "C" {
 MK_DECLARE_RKFD_CORE(f32)
 MK_DECLARE_RKFD_CORE(f64)
 
-/* Scratch memory, in numbers, of the root search with the inverse, and of any kernel; the typed functions take it from
-   the stack. Layout: P, Z, psi, b, e, then what the covariance step or name_predict needs. */
+/* Scratch memory, in numbers: of the root search with the inverse, of every kernel but predict, and of predict. The typed functions take
+   it from the stack. */
 #define MK_ROBUST_WORK(n) (2 * MK_PACKED(n) + 4 * (n))
-#define MK_RKFD_WORK(n, m) (4 * MK_PACKED(n) + (n) * (n) + 4 * (n) + (m) + (n) * (m) + 2 * MK_PACKED(m))
+#define MK_RKFD_WORK(n, m)                                                                                                    \
+    (3 * MK_PACKED(n) + 2 * (n) + (m) + ((n) * (n) > MK_PACKED(n) + 4 * (n) ? (n) * (n) : MK_PACKED(n) + 4 * (n)))
+#define MK_RKFD_PREDICT_WORK(n, m) (MK_PACKED(n) + (n) * (m) + 4 * MK_PACKED(m))
 
 /*
  * The typed functions of MK_RKFD(name, real, n, m, slots). T is mk_<real>_t. Every one returns a status; on failure the object
@@ -141,17 +143,18 @@ MK_DECLARE_RKFD_CORE(f64)
  * name_put_estimate(f, slot, T psi[n])
  *                              psi of a neighbour, slot >= 1. ORDER before incremental; ARGUMENT; NOT_FINITE; REPEATED.
  * name_diffuse(f)              The diffusion step over slot 0 and what arrived; ends the step. With no positive weight among
- *                              them x := psi of slot 0. ORDER before incremental.
+ *                              them x := psi of slot 0. ORDER before incremental; NOT_FINITE: the sum overflows.
  * name_estimate(f)             x (n): the prediction for the next step's time. Valid until the next diffuse.
  * name_intermediate(f)         psi (n) of this node, between incremental and diffuse.
  * name_set_tolerance(f, c)     c for the following steps. TOLERANCE if negative or not finite.
  * name_restart(f, x0, P0)      x and W anew (packed P0), readings and estimates of the step dropped, counters kept: the way back after
- *                              a long silence or a failure. NOT_FINITE, NOT_POSITIVE_DEFINITE.
+ *                              a long silence or a failure. ORDER before start; NOT_FINITE, NOT_POSITIVE_DEFINITE.
  * name_covariance(f, T V[MK_PACKED(n)])
  *                              V = W^-1. It is not diffused: not the covariance of the error of x (spec 1.10, trap 4).
  * name_predict(f, slot, T e[m], T E[MK_PACKED(m)])
  *                              Innovation of a filled slot and its variance C V C' + R, before incremental: what a gate needs.
- *                              ORDER afterwards; ARGUMENT if the slot is empty. Entries beyond the sensor's rows: 0.
+ *                              ORDER afterwards; ARGUMENT if the slot is empty; NOT_FINITE: overflow, e and E are then undefined.
+ *                              Entries beyond the sensor's rows: 0.
  */
 #define MK_RKFD(name, real, n, m, slots) MK_RKFD_TYPE(name, real, n, m, slots, mk_rkfd_)
 
@@ -201,7 +204,8 @@ MK_DECLARE_RKFD_CORE(f64)
         return mk_rkfd_put_estimate_##real(n, &view, slot, psi);                                                              \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_diffuse(name##_t *f) {                                                                       \
-        const mk_rkfd_view_##real##_t view = name##_view(f, 0);                                                               \
+        mk_##real##_t work[n];                                                                                                \
+        const mk_rkfd_view_##real##_t view = name##_view(f, work);                                                            \
         return kernel##diffuse_##real(n, slot_count, &view);                                                                  \
     }                                                                                                                         \
     MK_INLINE const mk_##real##_t *name##_estimate(const name##_t *f) { return f->x; }                                        \
@@ -220,7 +224,7 @@ MK_DECLARE_RKFD_CORE(f64)
         return mk_rkfd_covariance_##real(n, &view, V);                                                                        \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_predict(name##_t *f, int slot, mk_##real##_t *e, mk_##real##_t *E) {                         \
-        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                               \
+        mk_##real##_t work[MK_RKFD_PREDICT_WORK(n, m)];                                                                       \
         const mk_rkfd_view_##real##_t view = name##_view(f, work);                                                            \
         return mk_rkfd_predict_##real(n, m, &view, slot, e, E);                                                               \
     }                                                                                                                         \

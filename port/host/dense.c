@@ -33,14 +33,15 @@ int mk_eigen_generalised(int n, const double *S, const double *B, double *values
     return info == 0;
 }
 
-/* Orthonormal basis (rows, count of them returned) of the null space of the rows x n matrix M, which is overwritten. */
-static int null_space(int rows, int n, double *M, double *basis) {
+/* Orthonormal basis (rows, count of them returned) of the null space of the rows x n matrix M, which is overwritten: singular values up
+   to 1e-8 of `size` count as 0. -1 if LAPACK gives up. */
+static int null_space(int rows, int n, double *M, double size, double *basis) {
     const int few = rows < n ? rows : n;
     double *values = doubles(few), *right = doubles(n * n), *spare = doubles(few);
     const lapack_int info = LAPACKE_dgesvd(LAPACK_ROW_MAJOR, 'N', 'A', rows, n, M, n, values, NULL, 1, right, n, spare);
     int rank = 0;
     if (info == 0) {
-        while (rank < few && values[rank] > 1e-8 * values[0]) rank++;
+        while (rank < few && values[rank] > 1e-8 * size) rank++;
         memcpy(basis, right + rank * n, (size_t)((n - rank) * n) * sizeof *basis);
     }
     free(values);
@@ -49,23 +50,26 @@ static int null_space(int rows, int n, double *M, double *basis) {
     return info == 0 ? n - rank : -1;
 }
 
+static double norm(int count, const double *values) {
+    double largest = 0.0, sum = 0.0;
+    for (int i = 0; i < count; i++) largest = fmax(largest, fabs(values[i]));
+    for (int i = 0; i < count && largest > 0.0; i++) sum += (values[i] / largest) * (values[i] / largest);
+    return largest * sqrt(sum);
+}
+
 int mk_unobservable(int n, const double *A, const double *G) {
-    double *basis = doubles(n * n), *image = doubles(n * n), *inner = doubles(n * n), *next = doubles(n * n);
+    double *basis = doubles(n * n), *image = doubles(n * n), *inner = doubles(n * n), *next = doubles(n * n), *along = doubles(n);
     unpack(n, G, image);
-    int count = null_space(n, n, image, basis);
+    int count = null_space(n, n, image, norm(n * n, image), basis);
     /* Shrink the null space to the part that A maps into it, until A maps all of it into itself. */
     while (count > 0) {
         /* Columns of `image`: the part of A b outside the space, for each basis vector b. */
-        for (int b = 0; b < count; b++)
+        for (int b = 0; b < count; b++) {
             for (int i = 0; i < n; i++) {
                 double sum = 0.0;
                 for (int j = 0; j < n; j++) sum += A[i * n + j] * basis[b * n + j];
                 image[i * count + b] = sum;
             }
-        double size = 0.0, outside = 0.0;
-        for (int i = 0; i < n * count; i++) size += image[i] * image[i];
-        for (int b = 0; b < count; b++) {
-            double along[64];
             for (int c = 0; c < count; c++) {
                 along[c] = 0.0;
                 for (int i = 0; i < n; i++) along[c] += basis[c * n + i] * image[i * count + b];
@@ -73,11 +77,9 @@ int mk_unobservable(int n, const double *A, const double *G) {
             for (int i = 0; i < n; i++)
                 for (int c = 0; c < count; c++) image[i * count + b] -= along[c] * basis[c * n + i];
         }
-        for (int i = 0; i < n * count; i++) outside += image[i] * image[i];
-        if (outside <= 1e-16 * size) break;
-        const int kept = null_space(n, count, image, inner);
-        if (kept < 0) {
-            count = -1;
+        const int kept = null_space(n, count, image, norm(n * n, A), inner);
+        if (kept < 0 || kept == count) {
+            count = kept;
             break;
         }
         for (int b = 0; b < kept; b++)
@@ -92,5 +94,6 @@ int mk_unobservable(int n, const double *A, const double *G) {
     free(image);
     free(inner);
     free(next);
+    free(along);
     return count;
 }

@@ -10,7 +10,7 @@ int mk_eigen_symmetric(int n, const double *S, double *values, double *vectors);
 int mk_eigen_generalised(int n, const double *S, const double *B, double *values);
 
 /* Dimension of the largest A-invariant subspace on which the symmetric positive semidefinite G vanishes: the states that an
-   observer with information G does not see. Rank decisions at relative 1e-8 of the largest singular value. -1 if LAPACK gives up. */
+   observer with information G does not see. Rank decisions at 1e-8 of the norm of G, then of A. -1 if LAPACK gives up. */
 int mk_unobservable(int n, const double *A, const double *G);
 
 #endif

@@ -37,11 +37,11 @@ static void NAME(sensor_work)(void **unused) {
     if (worst) fail_msg("mk_rkfd_sensor wrote %d numbers beyond 3 MK_PACKED(m), m = %d", worst, at);
 }
 
-/* MK_RKFD_WORK(n, m) is enough for every kernel at every shape, MK_GAMMA_WORK(n) for the root. */
+/* MK_RKFD_WORK(n, m) is enough for every kernel at every shape, MK_RKFD_PREDICT_WORK(n, m) for predict, MK_GAMMA_WORK(n) for the root. */
 static void NAME(filter_work)(void **unused) {
     (void)unused;
     static const char *const calls[] = {"start", "predict", "incremental", "covariance", "restart", "gamma_root"};
-    enum { CALLS = 6, N = 8, M = 6, MOST = MK_RKFD_WORK(N, M) };
+    enum { CALLS = 6, N = 8, M = 6, MOST = MK_RKFD_WORK(N, M) + MK_RKFD_PREDICT_WORK(N, M) };
     int worst[CALLS] = {0}, worst_n[CALLS] = {0}, worst_m[CALLS] = {0}, failed = 0;
     for (int n = 1; n <= N; n++) {
         for (int m = 1; m <= M; m++) {
@@ -72,7 +72,7 @@ static void NAME(filter_work)(void **unused) {
             view.have_psi = &have_psi;
             view.work = work;
             for (int call = 0; call < CALLS; call++) {
-                const int count = call == 5 ? MK_GAMMA_WORK(n) : MK_RKFD_WORK(n, m);
+                const int count = call == 5 ? MK_GAMMA_WORK(n) : call == 1 ? MK_RKFD_PREDICT_WORK(n, m) : MK_RKFD_WORK(n, m);
                 mk_status_t status = MK_OK;
                 NAME(guard)(count, work);
                 switch (call) {

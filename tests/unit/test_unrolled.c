@@ -1,11 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* MK_RKFD and MK_RKFD_UNROLLED promise the same bits: both declared for the same dimensions, fed the same messages, compared as
    bytes after every call. This also runs the typed functions with several dimensions in one translation unit. */
-
-/* gcc does not see that with n = 1 the start of the root search is set where it is used: both depend on c > 0. */
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
-#endif
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

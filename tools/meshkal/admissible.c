@@ -156,7 +156,7 @@ int mk_admissible(mk_recursion_t *r, mk_admissible_t *result) {
         const int at = result->count++, horizon = 2 * n << at;
         result->horizon[at] = horizon;
         if (below_phi(&game, r, pole, horizon)) {
-            result->c[at] = INFINITY;
+            result->c[at] = (double)INFINITY;
             break;
         }
         double low = 0.0, high = pole, c = 0.0;

@@ -153,7 +153,7 @@ static void print_table(const results_t *r) {
     const mk_scenario_t *s = r->scenario;
     const mk_design_t *d = &r->design;
     const int many = s->nodes > 40;
-    double local = 0.0, theta = 0.0, least = INFINITY, most = 0.0;
+    double local = 0.0, theta = 0.0, least = (double)INFINITY, most = 0.0;
     int over = 0, settled = 0;
     (void)printf("%s: %d nodes, %d states; c = %g (twice the Kullback-Leibler divergence, nats)\n\n", s->name[0] ? s->name : "scenario", s->nodes, s->n,
                  d->tolerance);

@@ -56,7 +56,7 @@ int mk_recursion_settle(mk_recursion_t *r, long limit) {
     /* Rounding keeps the last digits moving, more so at large c: a change that has stopped shrinking below 1e-11 is one too.
        Cycles, the way in which a large c fails, stay far above. */
     const size_t count = packed(r->n);
-    double *before = mk_allocate(count, sizeof *before), least = INFINITY;
+    double *before = mk_allocate(count, sizeof *before), least = (double)INFINITY;
     long since = 0;
     int settled = 0;
     for (long step = 0; step < limit && !settled; step++) {

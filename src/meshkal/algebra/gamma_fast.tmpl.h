@@ -57,15 +57,16 @@ MK_KERNEL void MK_F(mk_gamma_fast_start)(int n, const MK_REAL *MK_RESTRICT P, MK
 MK_KERNEL int MK_F(mk_gamma_fast_root)(int n, const MK_F_T(mk_gamma_start) * start, const MK_REAL *MK_RESTRICT L,
                                        const MK_REAL *MK_RESTRICT inverse, MK_REAL c, MK_REAL *theta) {
     const MK_REAL trace = start->trace, e2 = start->e2, e3 = start->e3;
-    MK_REAL e4 = MK_R(0.0), e5 = MK_R(0.0), e6 = MK_R(0.0), condition = MK_R(1.0);
+    /* error4: what an error of P^-1 of relative size 1 would do to e4. */
+    MK_REAL e4 = MK_R(0.0), e5 = MK_R(0.0), e6 = MK_R(0.0), error4 = MK_R(0.0), condition = MK_R(1.0);
     if (n >= 4) {
         MK_REAL pivots = MK_R(1.0); /* 1 / det(P / trace) */
         MK_UNROLL for (int i = 0; i < n; i++) pivots *= L[MK_AT(i, i)] * trace;
         const MK_REAL determinant = MK_R(1.0) / pivots;
         const MK_REAL q1 = MK_F(mk_trace)(n, inverse) * trace;
         condition = q1;
-        if (n == 4) e4 = determinant;
-        if (n == 5) e4 = determinant * q1, e5 = determinant;
+        if (n == 4) error4 = e4 = determinant;
+        if (n == 5) error4 = e4 = determinant * q1, e5 = determinant;
         if (n == 6) {
             MK_REAL off = MK_R(0.0), on = MK_R(0.0);
             MK_UNROLL for (int i = 0; i < n; i++) {
@@ -76,6 +77,7 @@ MK_KERNEL int MK_F(mk_gamma_fast_root)(int n, const MK_F_T(mk_gamma_start) * sta
             }
             const MK_REAL q2 = (on + MK_R(2.0) * off) * (trace * trace);
             e4 = MK_R(0.5) * determinant * (q1 * q1 - q2);
+            error4 = determinant * (q1 * q1);
             e5 = determinant * q1;
             e6 = determinant;
         }
@@ -110,8 +112,8 @@ MK_KERNEL int MK_F(mk_gamma_fast_root)(int n, const MK_F_T(mk_gamma_start) * sta
             const MK_REAL product = drop * D_inverse;
             const MK_REAL loss = MK_R(8.0) * MK_EPSILON *
                                  (product * (MK_R(1.0) + product) * u +
-                                  condition * D_inverse * (MK_R(3.0) * a4 + MK_R(4.0) * a5 + MK_R(5.0) * a6));
-            if (!(loss < MK_FAST_ERROR * T2)) return 0;
+                                  condition * D_inverse * (MK_R(3.0) * error4 * u4 + MK_R(4.0) * a5 + MK_R(5.0) * a6));
+            if (!(loss < MK_FAST_ERROR * T2 && u > MK_R(0.0))) return 0;
             *theta = u / trace;
             return evaluations;
         }

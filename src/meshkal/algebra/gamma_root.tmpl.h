@@ -60,9 +60,9 @@ MK_KERNEL MK_REAL MK_F(mk_scaled_tridiagonal)(int n, const MK_REAL *MK_RESTRICT 
     return scale;
 }
 
-/* gamma and slope = theta dgamma/dtheta at theta for tridiagonal (a, b2). Returns 0 at or beyond the pole. */
+/* gamma, slope = theta dgamma/dtheta and sum = sum of t_k at theta for tridiagonal (a, b2). Returns 0 at or beyond the pole. */
 MK_KERNEL int MK_F(mk_gamma_tridiagonal)(int n, const MK_REAL *a, const MK_REAL *b2, MK_REAL theta, MK_REAL *gamma,
-                                         MK_REAL *slope) {
+                                         MK_REAL *slope, MK_REAL *sum) {
     MK_REAL ratio = MK_R(0.0), h = MK_R(0.0), kappa = MK_R(0.0); /* 1 / (1 - E), H and K times it, of the row before */
     MK_REAL total = MK_R(0.0), product = MK_R(0.0), cross = MK_R(0.0), off = MK_R(0.0), rise = MK_R(0.0);
     int good = 1;
@@ -89,6 +89,7 @@ MK_KERNEL int MK_F(mk_gamma_tridiagonal)(int n, const MK_REAL *a, const MK_REAL 
     if (product < MK_R(1.0)) *gamma = (MK_F(mk_log_gap)(product) - cross) + off;
     else *gamma = (total - MK_F(mk_log)(MK_R(1.0) + product)) + off;
     *slope = rise;
+    *sum = total + off;
     return good && rise * MK_R(0.0) == MK_R(0.0);
 }
 
@@ -111,7 +112,8 @@ MK_KERNEL MK_REAL MK_F(mk_gamma_unbend)(MK_REAL g, MK_REAL *derivative) {
 MK_KERNEL int MK_F(mk_inline_gamma_root)(int n, const MK_REAL *MK_RESTRICT P, MK_REAL c, MK_REAL *theta, MK_REAL *MK_RESTRICT work) {
     MK_REAL *const a = work + MK_AT(n, 0), *const b2 = a + n;
     const MK_REAL scale = MK_F(mk_scaled_tridiagonal)(n, P, work);
-    if (!(c > MK_R(0.0) && scale > MK_R(0.0))) return 0;
+    /* Above 1 / epsilon the root is the pole. */
+    if (!(c > MK_R(0.0) && c * MK_EPSILON < MK_R(1.0) && scale > MK_R(0.0))) return 0;
 
     /* p2 = tr T^2, p3 = tr T^3: the one-eigenvalue model p2 / mu^2 gamma(mu, theta) with mu = p3 / p2 meets gamma to third
        order in theta, and exactly for P = s I and for rank one. */
@@ -128,12 +130,13 @@ MK_KERNEL int MK_F(mk_inline_gamma_root)(int n, const MK_REAL *MK_RESTRICT P, MK
     MK_REAL trial = target / mu;
     if (!(trial < high)) trial = MK_R(0.5) * high;
     for (int evaluations = 1; evaluations <= MK_GAMMA_LIMIT; evaluations++) {
-        MK_REAL gamma, slope, next;
-        if (MK_F(mk_gamma_tridiagonal)(n, a, b2, trial, &gamma, &slope)) {
+        MK_REAL gamma, slope, sum, next;
+        if (MK_F(mk_gamma_tridiagonal)(n, a, b2, trial, &gamma, &slope, &sum)) {
             const MK_REAL value = MK_F(mk_gamma_unbend)(weight * gamma, &derivative);
             const MK_REAL step = (target - value) / (derivative * weight * slope); /* relative to theta */
             const MK_REAL size = step < MK_R(0.0) ? -step : step;
-            if (size < MK_GAMMA_CLOSE) {
+            /* Near the pole a relative step of theta is one of 1 / (1 - theta lambda_max) <= 1 + sum in t. */
+            if (size * (MK_R(1.0) + sum) < MK_GAMMA_CLOSE) {
                 *theta = (trial + trial * step) * scale;
                 return evaluations;
             }

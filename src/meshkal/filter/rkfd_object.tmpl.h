@@ -13,23 +13,31 @@ static mk_status_t MK_F(mk_invert)(int n, const MK_REAL *S, MK_REAL *result, MK_
     return MK_OK;
 }
 
+/* Element (i, r) of C' R^-1. */
+static MK_REAL MK_F(mk_rkfd_gain)(int n, int rows, const MK_REAL *C, const MK_REAL *R_inverse, int i, int r) {
+    MK_REAL sum = MK_R(0.0);
+    for (int s = 0; s < rows; s++) sum += C[s * n + i] * R_inverse[s > r ? MK_AT(s, r) : MK_AT(r, s)];
+    return sum;
+}
+
 mk_status_t MK_F(mk_rkfd_sensor)(int n, int m, int rows, const MK_REAL *C, const MK_REAL *R, MK_REAL *F, MK_REAL *S,
                                  MK_REAL *R_inverse, MK_REAL *work) {
     if (!C || !R || !F || !S || !R_inverse || !work || n < 1 || rows < 0 || rows > m) return MK_ERROR_ARGUMENT;
     if (!MK_F(mk_all_finite)(m * n, C)) return MK_ERROR_NOT_FINITE;
     if (rows > 0) {
-        const mk_status_t status = MK_F(mk_invert)(rows, R, R_inverse, work);
+        const mk_status_t status = MK_F(mk_invert)(rows, R, work, work);
         if (status != MK_OK) return status;
     }
-    /* The packed leading block comes first, so the rest is one run of zeros. */
-    for (int i = MK_AT(rows, 0); i < MK_AT(m, 0); i++) R_inverse[i] = MK_R(0.0);
+    /* The diagonal of S bounds the rest, and F by way of it: look before anything is written. */
     for (int i = 0; i < n; i++) {
-        for (int r = 0; r < m; r++) {
-            MK_REAL sum = MK_R(0.0);
-            for (int s = 0; s < rows && r < rows; s++)
-                sum += C[s * n + i] * R_inverse[s > r ? MK_AT(s, r) : MK_AT(r, s)];
-            F[r * n + i] = sum;
-        }
+        MK_REAL sum = MK_R(0.0);
+        for (int r = 0; r < rows; r++) sum += MK_F(mk_rkfd_gain)(n, rows, C, work, i, r) * C[r * n + i];
+        for (int r = 0; r < rows; r++) sum += MK_R(0.0) * MK_F(mk_rkfd_gain)(n, rows, C, work, i, r);
+        if (!(sum * MK_R(0.0) == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
+    }
+    for (int i = 0; i < MK_AT(m, 0); i++) R_inverse[i] = i < MK_AT(rows, 0) ? work[i] : MK_R(0.0);
+    for (int i = 0; i < n; i++) {
+        for (int r = 0; r < m; r++) F[r * n + i] = r < rows ? MK_F(mk_rkfd_gain)(n, rows, C, R_inverse, i, r) : MK_R(0.0);
         for (int j = 0; j <= i; j++) {
             MK_REAL sum = MK_R(0.0);
             for (int r = 0; r < rows; r++) sum += F[r * n + i] * C[r * n + j];
@@ -62,6 +70,16 @@ static mk_status_t MK_F(mk_rkfd_check)(int n, int m, int slots, const MK_F_T(mk_
     return MK_OK;
 }
 
+static mk_status_t MK_F(mk_rkfd_reset)(int n, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *x0, const MK_REAL *P0) {
+    if (!x0 || !P0) return MK_ERROR_ARGUMENT;
+    if (!MK_F(mk_all_finite)(n, x0)) return MK_ERROR_NOT_FINITE;
+    const mk_status_t status = MK_F(mk_invert)(n, P0, view->W, view->work);
+    if (status != MK_OK) return status;
+    for (int i = 0; i < n; i++) view->x[i] = x0[i];
+    for (int l = 0; l < slots; l++) view->have_y[l] = view->have_psi[l] = 0;
+    return MK_OK;
+}
+
 mk_status_t MK_F(mk_rkfd_start)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view,
                                 const MK_F_T(mk_rkfd_config) * config) {
     mk_status_t status = MK_F(mk_rkfd_check)(n, m, slots, config);
@@ -70,7 +88,7 @@ mk_status_t MK_F(mk_rkfd_start)(int n, int m, int slots, const MK_F_T(mk_rkfd_vi
     memset(&core, 0, sizeof core);
     status = MK_F(mk_rkfd_set_tolerance)(&core, config->tolerance);
     if (status != MK_OK) return status;
-    status = MK_F(mk_rkfd_restart)(n, slots, view, config->x0, config->P0);
+    status = MK_F(mk_rkfd_reset)(n, slots, view, config->x0, config->P0);
     if (status != MK_OK) return status;
     core.config = config;
     core.stage = 1;
@@ -81,14 +99,10 @@ mk_status_t MK_F(mk_rkfd_start)(int n, int m, int slots, const MK_F_T(mk_rkfd_vi
 }
 
 mk_status_t MK_F(mk_rkfd_restart)(int n, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *x0, const MK_REAL *P0) {
-    if (!x0 || !P0) return MK_ERROR_ARGUMENT;
-    if (!MK_F(mk_all_finite)(n, x0)) return MK_ERROR_NOT_FINITE;
-    const mk_status_t status = MK_F(mk_invert)(n, P0, view->W, view->work);
-    if (status != MK_OK) return status;
-    for (int i = 0; i < n; i++) view->x[i] = x0[i];
-    for (int l = 0; l < slots; l++) view->have_y[l] = view->have_psi[l] = 0;
-    view->core->stage = 1;
-    return MK_OK;
+    if (view->core->stage == 0) return MK_ERROR_ORDER;
+    const mk_status_t status = MK_F(mk_rkfd_reset)(n, slots, view, x0, P0);
+    if (status == MK_OK) view->core->stage = 1;
+    return status;
 }
 
 /* An input arrived and is refused: counted, and seen in the faults of the step. */
@@ -162,5 +176,35 @@ mk_status_t MK_F(mk_rkfd_predict)(int n, int m, const MK_F_T(mk_rkfd_view) * vie
             variance[MK_AT(r, s)] = sum;
         }
     }
-    return MK_OK;
+    return MK_F(mk_all_finite)(m, innovation) && MK_F(mk_all_finite)(MK_AT(m, 0), variance) ? MK_OK : MK_ERROR_NOT_FINITE;
+}
+
+/* Row r of (y_l - C_l x) - C_l d; without C_l x where the slot holds an innovation. */
+static MK_REAL MK_F(mk_rkfd_residual)(int n, int m, const MK_F_T(mk_rkfd_view) * view, int slot, int r, const MK_REAL *d) {
+    const MK_REAL *const C = view->core->config->C + (slot * m + r) * n;
+    MK_REAL predicted = MK_R(0.0), corrected = MK_R(0.0);
+    for (int j = 0; j < n; j++) {
+        if (view->have_y[slot] == 1) predicted += C[j] * view->x[j];
+        corrected += C[j] * d[j];
+    }
+    return (view->y[slot * m + r] - predicted) - corrected;
+}
+
+MK_REAL MK_F(mk_rkfd_exact_nis)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *L, MK_REAL *b) {
+    MK_REAL sum = MK_R(0.0);
+    /* d = L^-T D^-1 b, from the last row up. */
+    for (int i = n - 1; i >= 0; i--) {
+        b[i] *= L[MK_AT(i, i)];
+        for (int k = i + 1; k < n; k++) b[i] -= L[MK_AT(k, i)] * b[k];
+    }
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++) sum += b[i] * view->W[i > j ? MK_AT(i, j) : MK_AT(j, i)] * b[j];
+    for (int l = 0; l < slots; l++) {
+        const MK_REAL *const R_inverse = view->core->config->R_inverse + l * MK_AT(m, 0);
+        for (int r = 0; r < m && view->have_y[l]; r++)
+            for (int s = 0; s < m; s++)
+                sum += MK_F(mk_rkfd_residual)(n, m, view, l, r, b) * R_inverse[r > s ? MK_AT(r, s) : MK_AT(s, r)] *
+                       MK_F(mk_rkfd_residual)(n, m, view, l, s, b);
+    }
+    return sum >= MK_R(0.0) && sum * MK_R(0.0) == MK_R(0.0) ? sum : MK_LARGEST;
 }

@@ -23,6 +23,7 @@ MK_KERNEL mk_status_t MK_F(mk_robust_information)(int n, const MK_REAL *MK_RESTR
     const int robust = c > MK_R(0.0);
     MK_REAL *const MK_RESTRICT L = work, *const MK_RESTRICT K = work + MK_AT(n, 0);
     MK_F_T(mk_gamma_start) start;
+    memset(&start, 0, sizeof start); /* not read for c = 0, which compilers do not see */
     /* Before the inverse, which it does not need: the two overlap. */
     if (n <= MK_FAST_LARGEST_N && robust) MK_F(mk_gamma_fast_start)(n, P, c, &start);
     for (int i = 0; i < MK_AT(n, 0); i++) L[i] = P[i];
@@ -42,8 +43,15 @@ MK_KERNEL mk_status_t MK_F(mk_robust_information)(int n, const MK_REAL *MK_RESTR
         *iterations = count;
         MK_UNROLL for (int i = 0; i < n; i++) Z[MK_AT(i, i)] -= *theta;
     }
-    /* A positive definite matrix has its largest elements on the diagonal, so the trace speaks for all of Z. */
-    return MK_F(mk_trace)(n, Z) * MK_R(0.0) == MK_R(0.0) ? MK_OK : MK_ERROR_NOT_FINITE;
+    /* A positive definite matrix has its largest elements on the diagonal, so the traces speak for all of P and Z. */
+    const MK_REAL size = MK_F(mk_trace)(n, P) * MK_R(0.0) + MK_F(mk_trace)(n, Z) * MK_R(0.0);
+    if (!(size == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
+    /* The smallest eigenvalue of Z is at least 1 / lambda_max(P) / (2 + 2 c), its rounding error about n epsilon |P^-1|. Where
+       the condition number brings the two together, or underflow is near, only a factorisation tells; that is rare, so it is
+       out of line. */
+    const MK_REAL bound = MK_F(mk_trace)(n, P) * (MK_R(1.0) + c), inverse = MK_F(mk_trace)(n, Z) + (MK_REAL)n * *theta;
+    if (bound * inverse * (MK_REAL)n < MK_R(0.02) / MK_EPSILON && bound < MK_R(0.1) / MK_SMALLEST) return MK_OK;
+    return MK_F(mk_positive_definite)(n, Z, work) ? MK_OK : MK_ERROR_NOT_POSITIVE_DEFINITE;
 }
 
 /* What the reading of one slot adds: innovation e, Y += S, b += F e, and e' R^-1 e, which is returned. */
@@ -105,11 +113,14 @@ MK_KERNEL mk_status_t MK_F(mk_inline_rkfd_incremental)(int n, int m, int slots, 
     if (status != MK_OK) return status;
     /* A M b = X' D^-1 L^-1 b; the innovations' square in the metric of C V C' + R is e' R^-1 e - b' M b. */
     MK_F(mk_ldl_forward)(n, 1, Y, b);
+    MK_REAL square = nis;
     MK_UNROLL for (int k = 0; k < n; k++) {
         const MK_REAL scaled = Y[MK_AT(k, k)] * b[k];
-        nis -= scaled * b[k];
+        square -= scaled * b[k];
         MK_UNROLL for (int i = 0; i < n; i++) psi[i] += scaled * X[k * n + i];
     }
+    /* A prior much wider than the sensors' noise cancels nearly all of it, overflow makes it NaN: then the long way. */
+    if (!(square >= MK_R(1000.0) * MK_EPSILON * nis)) square = MK_F(mk_rkfd_exact_nis)(n, m, slots, view, Y, b);
     MK_REAL probe = psi[0] * MK_R(0.0);
     MK_UNROLL for (int i = 1; i < n; i++) probe += psi[i] * MK_R(0.0);
     if (!(probe == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
@@ -125,7 +136,7 @@ MK_KERNEL mk_status_t MK_F(mk_inline_rkfd_incremental)(int n, int m, int slots, 
     for (int l = 0; l < slots; l++) view->have_y[l] = 0;
     core->theta = theta;
     core->trace_P = MK_F(mk_trace)(n, P);
-    core->nis = nis > MK_R(0.0) ? nis : MK_R(0.0);
+    core->nis = square;
     core->nis_rows = (uint16_t)rows;
     core->iterations = (uint16_t)iterations;
     core->measurements = (uint16_t)used;

@@ -5,7 +5,7 @@ MK_KERNEL mk_status_t MK_F(mk_inline_rkfd_diffuse)(int n, int slots, const MK_F_
     MK_F_T(mk_rkfd) *const core = view->core;
     if (core->stage != 2) return MK_ERROR_ORDER;
     const MK_REAL *const weight = core->config->weight;
-    MK_REAL *const MK_RESTRICT x = view->x;
+    MK_REAL *const MK_RESTRICT x = view->work; /* until it is known to be finite */
     const MK_REAL *const MK_RESTRICT psi = view->psi;
     MK_REAL total = MK_R(0.0);
     unsigned used = 0;
@@ -26,6 +26,10 @@ MK_KERNEL mk_status_t MK_F(mk_inline_rkfd_diffuse)(int n, int slots, const MK_F_
     } else {
         MK_UNROLL for (int i = 0; i < n; i++) x[i] = psi[i];
     }
+    MK_REAL probe = x[0] * MK_R(0.0);
+    MK_UNROLL for (int i = 1; i < n; i++) probe += x[i] * MK_R(0.0);
+    if (!(probe == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
+    MK_UNROLL for (int i = 0; i < n; i++) view->x[i] = x[i];
     for (int l = 0; l < slots; l++) view->have_psi[l] = 0;
     core->estimates = (uint16_t)used;
     if (used < (unsigned)slots) core->faults |= MK_FAULT_ESTIMATE_MISSING;
