@@ -43,6 +43,10 @@ int mk_csv_read(mk_csv_t *csv, const char *path, int columns, const char *const 
     memset(csv, 0, sizeof *csv);
     char *text = mk_read_file(path, &length, error);
     if (!text) return 0;
+    if (strlen(text) != length) {
+        free(text);
+        return mk_fail(error, "%s: a zero byte: not a text", path);
+    }
     size_t lines = 1;
     for (size_t i = 0; i < length; i++) lines += text[i] == '\n';
     csv->path = path;
@@ -51,7 +55,8 @@ int mk_csv_read(mk_csv_t *csv, const char *path, int columns, const char *const 
     csv->line = mk_allocate(lines, sizeof *csv->line);
     int good = 1;
     long line = 0;
-    for (char *at = text; good && at && *at; ) {
+    /* Spreadsheets put a byte order mark in front. */
+    for (char *at = strncmp(text, "\xef\xbb\xbf", 3) == 0 ? text + 3 : text; good && at && *at;) {
         char *end = strchr(at, '\n');
         if (end) *end = 0;
         line++;

@@ -4,6 +4,7 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 char *mk_read_file(const char *path, size_t *length, mk_error_t *error) {
     FILE *stream = fopen(path, "rb");
@@ -39,11 +40,15 @@ char *mk_read_file(const char *path, size_t *length, mk_error_t *error) {
 
 int mk_open_output(mk_output_t *output, const char *path, mk_error_t *error) {
     const size_t room = strlen(path) + 10;
+    struct stat there;
     output->path = mk_allocate(room, 1);
-    output->partial = mk_allocate(room, 1);
+    output->partial = NULL;
     (void)snprintf(output->path, room, "%s", path);
-    (void)snprintf(output->partial, room, "%s.partial", path);
-    output->stream = fopen(output->partial, "wb");
+    if (lstat(path, &there) != 0 || S_ISREG(there.st_mode)) {
+        output->partial = mk_allocate(room, 1);
+        (void)snprintf(output->partial, room, "%s.partial", path);
+    }
+    output->stream = fopen(output->partial ? output->partial : path, "wb");
     if (output->stream) return 1;
     const int reason = errno;
     free(output->path);
@@ -54,12 +59,9 @@ int mk_open_output(mk_output_t *output, const char *path, mk_error_t *error) {
 int mk_close_output(mk_output_t *output, int keep, mk_error_t *error) {
     int good = !ferror(output->stream);
     good &= fclose(output->stream) == 0;
-    if (!keep) (void)remove(output->partial);
-    else if (!good || rename(output->partial, output->path) != 0) {
-        (void)mk_fail(error, "%s: %s", output->path, strerror(errno));
-        (void)remove(output->partial);
-        good = 0;
-    }
+    if (good && keep && output->partial) good = rename(output->partial, output->path) == 0;
+    if (keep && !good) (void)mk_fail(error, "%s: %s", output->path, strerror(errno));
+    if (output->partial && !(keep && good)) (void)remove(output->partial);
     free(output->path);
     free(output->partial);
     return good || !keep;

@@ -11,10 +11,11 @@
 /* Contents of a file, with a zero byte behind it; null and *error on failure. Free it. */
 char *mk_read_file(const char *path, size_t *length, mk_error_t *error);
 
-/* A file that appears complete or not at all: written beside its place, moved there by mk_close_output. */
+/* A file that appears complete or not at all: written beside its place, moved there by mk_close_output. What stands there already and is
+   not a plain file (a device, a pipe, a link) is written to as it is. */
 typedef struct {
     FILE *stream;
-    char *path, *partial;
+    char *path, *partial; /* partial: null if written in place */
 } mk_output_t;
 
 /* 1, or 0 and *error. */

@@ -37,14 +37,15 @@ static const char *skip_value(const char *p) {
     return p;
 }
 
-/* The member `key` of the object at p: *key_place its key, returns its value; null if there is none. */
-static const char *find_member(const char *p, const char *key, size_t length, const char **key_place) {
+/* The member of the object at p with this key, or, key being null, the one at `index`: *key_place its key, returns its value; null if there
+   is none. */
+static const char *find_member(const char *p, const char *key, size_t length, long index, const char **key_place) {
     if (*p != '{') return NULL;
     p = skip_space(p + 1);
-    while (*p == '"') {
+    for (; *p == '"'; index--) {
         const char *name = p + 1, *end = skip_string(p);
         const char *value = skip_space(skip_space(end) + 1);
-        if ((size_t)(end - name) == length + 1 && strncmp(name, key, length) == 0) {
+        if (key ? (size_t)(end - name) == length + 1 && strncmp(name, key, length) == 0 : index == 0) {
             *key_place = p;
             return value;
         }
@@ -71,14 +72,16 @@ int mk_json_line(const char *text, const char *path) {
     const char *value = skip_space(text), *place = value;
     while (*path) {
         const char *next, *next_place;
-        if (*path == '[') {
+        if (*path == '[' || *path == '{') {
             char *end;
-            next = next_place = find_element(value, strtol(path + 1, &end, 10));
-            path = *end == ']' ? end + 1 : end;
+            const long index = strtol(path + 1, &end, 10);
+            if (*path == '{') next = find_member(value, NULL, 0, index, &next_place);
+            else next = next_place = find_element(value, index);
+            path = *end ? end + 1 : end;
         } else {
             if (*path == '.') path++;
-            const size_t length = strcspn(path, ".[");
-            next = find_member(value, path, length, &next_place);
+            const size_t length = strcspn(path, ".[{");
+            next = find_member(value, path, length, 0, &next_place);
             path += length;
         }
         if (!next) break;

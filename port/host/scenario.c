@@ -53,6 +53,9 @@ static int read_model(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
         if (!json_is_integer(state) || json_integer_value(state) < 0 || json_integer_value(state) >= n)
             return mk_read_bad(reader, "model.position_states", "entry %d must be a state number from 0 to %d", i, n - 1);
         s->position_states[i] = (int)json_integer_value(state);
+        for (int j = 0; j < i; j++)
+            if (s->position_states[j] == s->position_states[i])
+                return mk_read_bad(reader, "model.position_states", "names state %d twice", s->position_states[i]);
     }
     return 1;
 }

@@ -36,12 +36,19 @@ static int read_edges(mk_reader_t *reader, json_t *edges, mk_scenario_t *s) {
         if (end[2 * i] == end[2 * i + 1]) {
             const int node = end[2 * i];
             free(end);
-            return bad_edge(reader, i, "joins node %d to itself (%d): a node always hears itself", node, node);
+            return bad_edge(reader, i, "joins node %d to itself: a node hears itself without an edge", node, node);
         }
         s->first[end[2 * i] + 1]++;
         s->first[end[2 * i + 1] + 1]++;
     }
-    for (int k = 0; k < s->nodes; k++) s->first[k + 1] += s->first[k];
+    for (int k = 0; k < s->nodes; k++) {
+        if (s->first[k + 1] > UINT16_MAX) {
+            const int degree = s->first[k + 1] - 1;
+            free(end);
+            return mk_read_bad(reader, "edges", "node %d has %d neighbours; at most %d", k, degree, UINT16_MAX - 1);
+        }
+        s->first[k + 1] += s->first[k];
+    }
     s->slot = mk_allocate((size_t)s->first[s->nodes], sizeof *s->slot);
     int *fill = mk_allocate((size_t)s->nodes, sizeof *fill);
     for (int k = 0; k < s->nodes; k++) {

@@ -9,30 +9,37 @@
 #include "dense.h"
 #include "json_place.h"
 
+/* place: where the line is; key: what is shown. */
+static int bad_at(mk_reader_t *reader, const char *place, const char *key, const char *message) {
+    return mk_fail(reader->error, "%s:%d: %s%s%s", reader->path, mk_json_line(reader->text, place), key, *key ? ": " : "", message);
+}
+
 int mk_read_bad(mk_reader_t *reader, const char *key, const char *format, ...) {
     char message[512];
     va_list arguments;
     va_start(arguments, format);
     (void)vsnprintf(message, sizeof message, format, arguments);
     va_end(arguments);
-    return mk_fail(reader->error, "%s:%d: %s%s%s", reader->path, mk_json_line(reader->text, key), key, *key ? ": " : "", message);
+    return bad_at(reader, key, key, message);
 }
 
 int mk_read_keys(mk_reader_t *reader, json_t *value, const char *key, const char *const *known) {
     if (!json_is_object(value)) return mk_read_bad(reader, key, "must be an object");
-    void *entry = json_object_iter(value);
-    for (; entry; entry = json_object_iter_next(value, entry)) {
+    int index = 0;
+    for (void *entry = json_object_iter(value); entry; entry = json_object_iter_next(value, entry), index++) {
         const char *name = json_object_iter_key(entry);
         const char *const *candidate = known;
         while (*candidate && strcmp(*candidate, name) != 0) candidate++;
         if (*candidate) continue;
-        char place[160], all[200] = "";
-        (void)snprintf(place, sizeof place, "%s%s%.64s", key, *key ? "." : "", name);
+        /* By its number, which any key has; a name may hold dots and brackets. */
+        char place[160], shown[240], message[240] = "unknown key; known are";
+        (void)snprintf(place, sizeof place, "%s{%d}", key, index);
+        (void)snprintf(shown, sizeof shown, "%s%s%.100s", key, *key ? "." : "", *name ? name : "\"\"");
         for (candidate = known; *candidate; candidate++) {
-            (void)strncat(all, candidate == known ? "" : ", ", sizeof all - strlen(all) - 1);
-            (void)strncat(all, *candidate, sizeof all - strlen(all) - 1);
+            (void)strncat(message, candidate == known ? " " : ", ", sizeof message - strlen(message) - 1);
+            (void)strncat(message, *candidate, sizeof message - strlen(message) - 1);
         }
-        return mk_read_bad(reader, place, "unknown key; known are %s", all);
+        return bad_at(reader, place, shown, message);
     }
     return 1;
 }

@@ -20,6 +20,9 @@
 /* MK_GAMMA_CLOSE: a relative step of the exact root search after which the next would be below rounding.
    MK_FAST_CLOSE: a step of the polynomial search whose third power is below MK_FAST_ERROR, its bound on the relative error. */
 
+#ifdef __cplusplus
+extern "C" {
+#endif
 /* Out of line in libmeshkal.a, for what steps do rarely. Is S positive definite: work MK_PACKED(n) numbers. */
 int mk_positive_definite_f32(int n, const float *S, float *work);
 int mk_positive_definite_f64(int n, const double *S, double *work);
@@ -27,6 +30,9 @@ int mk_positive_definite_f64(int n, const double *S, double *work);
    where it overflows. L as the step's mk_ldl leaves it, b = L^-1 b, which is overwritten. */
 float mk_rkfd_exact_nis_f32(int n, int m, int slots, const mk_rkfd_view_f32_t *view, const float *L, float *b);
 double mk_rkfd_exact_nis_f64(int n, int m, int slots, const mk_rkfd_view_f64_t *view, const double *L, double *b);
+#ifdef __cplusplus
+}
+#endif
 
 #define MK_BITS 32
 #include "real.h"

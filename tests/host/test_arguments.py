@@ -63,13 +63,13 @@ def test_bad_arguments(refused, folder, arguments, message):
     assert message in said, said
 
 
-@pytest.mark.parametrize("option", ["--json", "--c-header"])
-def test_design_without_a_place(run, folder, option):
-    """The place is found wanting before or after the work: either way an error that names it, and nothing half-written."""
+@pytest.mark.parametrize("option,status", [("--json", 2), ("--c-header", 1)])
+def test_design_without_a_place(run, folder, option, status):
+    """The place is found wanting before the work or after it: either way an error that names it, and nothing half-written."""
     (folder / "file").write_text("kept")
     for place in ("none/x", "file/x"):
         before = sorted(folder.rglob("*"))
-        done = run("design", folder / "one.json", option, folder / place, status=1)
+        done = run("design", folder / "one.json", option, folder / place, status=status)
         assert f"{folder / place}".encode() in done.stderr and b": No such file" in done.stderr or b": Not a directory" in done.stderr
         assert sorted(folder.rglob("*")) == before and (folder / "file").read_text() == "kept"
 

@@ -40,8 +40,8 @@ static void NAME(sensor_work)(void **unused) {
 /* MK_RKFD_WORK(n, m) is enough for every kernel at every shape, MK_RKFD_PREDICT_WORK(n, m) for predict, MK_GAMMA_WORK(n) for the root. */
 static void NAME(filter_work)(void **unused) {
     (void)unused;
-    static const char *const calls[] = {"start", "predict", "incremental", "covariance", "restart", "gamma_root"};
-    enum { CALLS = 6, N = 8, M = 6, MOST = MK_RKFD_WORK(N, M) + MK_RKFD_PREDICT_WORK(N, M) };
+    static const char *const calls[] = {"start", "predict", "incremental", "diffuse", "covariance", "restart", "gamma_root"};
+    enum { CALLS = 7, N = 8, M = 6, MOST = MK_RKFD_WORK(N, M) + MK_RKFD_PREDICT_WORK(N, M) };
     int worst[CALLS] = {0}, worst_n[CALLS] = {0}, worst_m[CALLS] = {0}, failed = 0;
     for (int n = 1; n <= N; n++) {
         for (int m = 1; m <= M; m++) {
@@ -72,7 +72,10 @@ static void NAME(filter_work)(void **unused) {
             view.have_psi = &have_psi;
             view.work = work;
             for (int call = 0; call < CALLS; call++) {
-                const int count = call == 5 ? MK_GAMMA_WORK(n) : call == 1 ? MK_RKFD_PREDICT_WORK(n, m) : MK_RKFD_WORK(n, m);
+                const int count = call == 6   ? MK_GAMMA_WORK(n)
+                                  : call == 1 ? MK_RKFD_PREDICT_WORK(n, m)
+                                  : call == 3 ? n /* what the typed function has */
+                                              : MK_RKFD_WORK(n, m);
                 mk_status_t status = MK_OK;
                 NAME(guard)(count, work);
                 switch (call) {
@@ -82,8 +85,9 @@ static void NAME(filter_work)(void **unused) {
                     status = NAME(mk_rkfd_predict)(n, m, &view, 0, e, E);
                     break;
                 case 2: status = NAME(mk_rkfd_incremental)(n, m, 1, &view, NULL); break;
-                case 3: status = NAME(mk_rkfd_covariance)(n, &view, V); break;
-                case 4: status = NAME(mk_rkfd_restart)(n, 1, &view, x0, P); break;
+                case 3: status = NAME(mk_rkfd_diffuse)(n, 1, &view); break;
+                case 4: status = NAME(mk_rkfd_covariance)(n, &view, V); break;
+                case 5: status = NAME(mk_rkfd_restart)(n, 1, &view, x0, P); break;
                 default: assert_true(NAME(mk_gamma_root)(n, P, (REAL)0.02, &theta, work) > 0); break;
                 }
                 assert_int_equal(status, MK_OK);

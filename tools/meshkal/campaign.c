@@ -44,9 +44,23 @@ typedef struct {
     mk_snapshot_t snapshot;
     mk_run_log_t log;
     double *state_square, *state_count;
-    double run_steady;
-    double steady_steps;
+    double run_steady, steady_steps;
+    /* Sums as they were before the run under way, and their places. */
+    double *saved;
 } mk_running_t;
+
+/* Copies all sums away before a run, or back after one that was cut: figures are of complete runs. */
+static void save_sums(mk_running_t *r, int back) {
+    mk_result_t *result = r->result;
+    const size_t sums = 2 * (size_t)r->c->steps + (size_t)result->estimators, n = (size_t)r->c->scenario->n;
+    double *const scalar[] = {&result->theta, &result->tolerance, &result->nis_ratio, &r->steady_steps};
+    double *saved = r->saved;
+    memcpy(back ? result->msd : saved, back ? saved : result->msd, sums * sizeof *saved);
+    saved += sums;
+    memcpy(back ? r->state_square : saved, back ? saved : r->state_square, 2 * n * sizeof *saved);
+    saved += 2 * n;
+    for (size_t i = 0; i < 4; i++) *(back ? scalar[i] : &saved[i]) = *(back ? &saved[i] : scalar[i]);
+}
 
 /* Links that work in step t. A node always hears itself; a centre hears every sensor over a link. */
 static void draw_links(mk_running_t *r, int run, int t) {
@@ -128,7 +142,8 @@ static int one_step(mk_running_t *r, int run, int t, mk_error_t *error) {
     if (status == MK_OK) status = network->incremental(r->net, r->source->y, r->source->row_first, r->y_arrived, &bad);
     if (status == MK_OK) status = network->diffuse(r->net, c->filter->central ? NULL : r->psi_arrived, &bad);
     if (status != MK_OK)
-        return mk_fail(error, "run %d, step %d, %s %d: %s", run, t, c->filter->central ? "central filter" : "node", bad, mk_status_name(status));
+        return mk_fail(error, "run %d, step %d, %s %d: %s%s", run, t, c->filter->central ? "central filter" : "node", bad, mk_status_name(status),
+                       status == MK_ERROR_NOT_POSITIVE_DEFINITE ? ": its covariance has grown beyond this precision; does it observe all states?" : "");
     if (c->log_path) {
         network->look_after(r->net, &r->snapshot);
         /* A centre has nobody to exchange estimates with: nothing is missing. */
@@ -166,11 +181,15 @@ static int run_all(mk_running_t *r, mk_error_t *error) {
         const mk_status_t status = c->network->start(r->net, &bad);
         if (status != MK_OK) return mk_fail(error, "start of estimator %d: %s", bad, mk_status_name(status));
         r->run_steady = 0.0;
+        save_sums(r, 0);
         for (int t = 0; t < c->steps && !stop_now; t++) {
             if (!one_step(r, run, t, error)) return 0;
             if (c->progress) show_progress(c, (long)run * c->steps + t + 1, (long)c->runs * c->steps, &shown);
         }
-        if (stop_now) break;
+        if (stop_now) {
+            save_sums(r, 1);
+            break;
+        }
         const double mean = r->run_steady / (c->steps - c->steps / 2);
         sum += mean;
         square += mean * mean;
@@ -270,6 +289,7 @@ int mk_campaign_run(const mk_campaign_t *c, mk_source_t *source, mk_result_t *re
     r.tolerance = r.error + E;
     r.state_square = r.tolerance + E;
     r.state_count = r.state_square + n;
+    r.saved = mk_allocate(2 * steps + E + 2 * n + 4, sizeof *r.saved);
     r.snapshot = mk_snapshot_make(c->network, (int)E, s);
     int status = MK_EXIT_INPUT;
     if (make_tolerances(&r, error)) {
@@ -282,6 +302,7 @@ int mk_campaign_run(const mk_campaign_t *c, mk_source_t *source, mk_result_t *re
     free(r.schedule);
     free(r.y_arrived);
     free(r.estimate);
+    free(r.saved);
     if (c->filter->central) mk_central_free(&r.topology);
     if (status) mk_result_free(result);
     return status;

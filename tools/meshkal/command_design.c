@@ -186,15 +186,6 @@ static void print_table(const results_t *r) {
                      settled == s->nodes ? ": all converged" : "");
 }
 
-static int write_json(const results_t *r, const char *path, mk_error_t *error) {
-    mk_output_t file;
-    if (!mk_open_output(&file, path, error)) return 0;
-    json_t *root = make_json(r);
-    const int kept = json_dumpf(root, file.stream, JSON_INDENT(1) | JSON_REAL_PRECISION(17)) == 0;
-    json_decref(root);
-    return mk_close_output(&file, kept, error) && (kept || mk_fail(error, "%s: cannot be written", path));
-}
-
 static void free_results(results_t *r) {
     mk_design_free(&r->design);
     free(r->seen.node);
@@ -240,10 +231,25 @@ int mk_command_design(int argc, char **argv) {
     if (!mk_parse_options(argc, argv, options, "the scenario file", &path, &error) || !mk_scenario_load(&scenario, path, &error))
         return mk_complain(&error, MK_EXIT_INPUT);
     r.scenario = &scenario;
-    int status = design(&r, &a, &error) ? 0 : MK_EXIT_INPUT;
-    if (!status && a.json && !write_json(&r, a.json, &error)) status = MK_EXIT_FAILED;
+    mk_output_t file;
+    /* The place of the results is tried before the work. */
+    int status = a.json && !mk_open_output(&file, a.json, &error) ? MK_EXIT_INPUT : 0;
+    const int opened = a.json && !status;
+    if (!status && !design(&r, &a, &error)) status = MK_EXIT_INPUT;
     if (!status && a.c_header && !mk_write_headers(a.c_header, a.real ? a.real : "float64", &scenario, &r.design, &error))
         status = MK_EXIT_FAILED;
+    if (opened) {
+        mk_error_t file_error;
+        if (!status) {
+            json_t *root = make_json(&r);
+            (void)json_dumpf(root, file.stream, JSON_INDENT(1) | JSON_REAL_PRECISION(17));
+            json_decref(root);
+        }
+        if (!mk_close_output(&file, !status, &file_error)) {
+            error = file_error;
+            status = MK_EXIT_FAILED;
+        }
+    }
     if (status) (void)mk_complain(&error, status);
     else print_table(&r);
     free_results(&r);

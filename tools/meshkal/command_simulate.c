@@ -52,7 +52,6 @@ static void print_row(FILE *out, const mk_campaign_t *c, const mk_result_t *r) {
     print_cell(out, 12, 0, from_centre);
     print_cell(out, 13, 0, (double)r->steps_done * r->estimators / r->seconds);
     (void)fputs("\n", out);
-    (void)fflush(out);
 }
 
 static json_t *make_json(const mk_campaign_t *c, const mk_result_t *r) {
@@ -71,7 +70,7 @@ static json_t *make_json(const mk_campaign_t *c, const mk_result_t *r) {
     mk_json_set(object, "nis_ratio", mk_json_number(r->nis_ratio));
     mk_json_set(object, "state_rmse", mk_json_numbers(r->state_rmse, (size_t)c->scenario->n));
     mk_json_set(object, "node_msd", mk_json_numbers(r->node_msd, (size_t)r->estimators));
-    mk_json_set(object, "msd_over_time", mk_json_numbers(r->msd, (size_t)r->steps));
+    mk_json_set(object, "msd_over_time", mk_json_numbers(r->msd, r->runs_done ? (size_t)r->steps : 0));
     mk_json_set(object, "numbers_sent_per_step", mk_json_number(sent));
     mk_json_set(object, "numbers_from_centre_per_step", mk_json_number(from_centre));
     mk_json_set(object, "seconds", mk_json_number(r->seconds));
@@ -167,9 +166,9 @@ static int simulate(mk_campaign_t *c, mk_source_t *source, const char *json, mk_
         status = run_filters(c, source, filters, &interrupted, error);
         if (json) {
             json_t *summary = make_summary(c, source, json_incref(filters));
-            const int kept = !status && json_dumpf(summary, file.stream, JSON_INDENT(1) | JSON_REAL_PRECISION(17)) == 0;
+            if (!status) (void)json_dumpf(summary, file.stream, JSON_INDENT(1) | JSON_REAL_PRECISION(17));
             json_decref(summary);
-            if (!mk_close_output(&file, kept, &file_error)) {
+            if (!mk_close_output(&file, !status, &file_error)) {
                 *error = file_error;
                 status = MK_EXIT_FAILED;
             }

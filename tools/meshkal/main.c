@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: MIT */
+#include <errno.h>
 #include <meshkal/base.h>
 #include <stdio.h>
 #include <string.h>
@@ -34,19 +35,29 @@ static const char help[] =
     "\n"
     "Exit status: 0; 1 the work failed; 2 wrong input or arguments, nothing written.\n";
 
-int main(int argc, char **argv) {
-    const char *name = argc > 1 ? argv[1] : "help";
+static int run(int argc, char **argv) {
+    const char *name = argc > 1 ? argv[1] : "";
+    int wants_help = strcmp(name, "help") == 0;
+    for (int i = 1; i < argc; i++) wants_help |= strcmp(argv[i], "--help") == 0 || strcmp(argv[i], "-h") == 0;
+    if (wants_help || argc < 2) {
+        (void)fputs(help, wants_help ? stdout : stderr);
+        return wants_help ? 0 : MK_EXIT_INPUT;
+    }
     if (strcmp(name, "design") == 0) return mk_command_design(argc - 1, argv + 1);
     if (strcmp(name, "simulate") == 0) return mk_command_simulate(argc - 1, argv + 1);
     if (strcmp(name, "scenario") == 0) return mk_command_scenario(argc - 1, argv + 1);
-    if (strcmp(name, "help") == 0 || strcmp(name, "--help") == 0 || strcmp(name, "-h") == 0) {
-        (void)fputs(help, stdout);
-        return argc > 1 ? 0 : MK_EXIT_INPUT;
-    }
     if (strcmp(name, "--version") == 0) {
         (void)puts("meshkal " MK_VERSION);
         return 0;
     }
     (void)fprintf(stderr, "meshkal: unknown command %s (meshkal help lists them)\n", name);
     return MK_EXIT_INPUT;
+}
+
+int main(int argc, char **argv) {
+    const int status = run(argc, argv);
+    /* A table that did not arrive is a failure, too. */
+    if (status || (fflush(stdout) == 0 && !ferror(stdout))) return status;
+    (void)fprintf(stderr, "meshkal: standard output: %s\n", strerror(errno));
+    return MK_EXIT_FAILED;
 }

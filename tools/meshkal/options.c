@@ -19,7 +19,7 @@ int mk_parse_options(int argc, char **argv, const mk_option_t *options, const ch
         while (option->name && strcmp(option->name, argv[i] + 2) != 0) option++;
         if (!option->name) return mk_fail(error, "%s: unknown option %s (meshkal help lists them)", argv[0], argv[i]);
         if (option->flag) *option->flag = 1;
-        else if (i + 1 < argc) *option->value = argv[++i];
+        else if (i + 1 < argc && strncmp(argv[i + 1], "--", 2) != 0) *option->value = argv[++i];
         else return mk_fail(error, "%s: option %s needs a value", argv[0], argv[i]);
     }
     return *other ? 1 : mk_fail(error, "%s: %s is missing", argv[0], what);

@@ -123,7 +123,7 @@ static int store(const mk_csv_t *csv, size_t i, double *place, mk_error_t *error
 static int whole(const mk_csv_t *csv, size_t i, int column, const char *name, int limit, int *result, mk_error_t *error) {
     const double value = csv->value[i * (size_t)csv->columns + (size_t)column];
     if (!(value >= 0.0 && value < limit && value == floor(value)))
-        return mk_fail(error, "%s:%ld: %s is %g: must be an integer from 0 to %d", csv->path, csv->line[i], name, value, limit - 1);
+        return mk_fail(error, "%s:%ld: %s is %.15g: must be an integer from 0 to %d", csv->path, csv->line[i], name, value, limit - 1);
     *result = (int)value;
     return 1;
 }
