@@ -15,6 +15,8 @@
 /* gcc unrolls a loop of known count only as far as a size limit that these kernels exceed; clang's own limit suffices. */
 #if defined(__GNUC__) && !defined(__clang__) && !defined(MK_ROLLED)
 #define MK_UNROLL _Pragma("GCC unroll 8")
+#elif defined(__clang__) && !defined(MK_ROLLED)
+#define MK_UNROLL _Pragma("clang loop unroll_count(8)")
 #else
 #define MK_UNROLL
 #endif
@@ -23,6 +25,15 @@
 #define MK_RESTRICT __restrict
 #else
 #define MK_RESTRICT
+#endif
+
+/* Size of the vector registers that algebra/row.tmpl.h uses; undefined where there are none. */
+#if (defined(__GNUC__) || defined(__clang__)) && !defined(MK_ROLLED)
+#if defined(__AVX__)
+#define MK_VECTOR_BYTES 32
+#elif defined(__SSE2__) || defined(__aarch64__)
+#define MK_VECTOR_BYTES 16
+#endif
 #endif
 
 /* Place of element (i, j), j <= i, of a packed symmetric matrix. */

@@ -40,6 +40,7 @@ double mk_rkfd_exact_nis_f64(int n, int m, int slots, const mk_rkfd_view_f64_t *
 #define MK_FAST_CLOSE 2e-2f
 #define MK_FAST_ERROR 1e-5f
 #include "algebra/elementary.tmpl.h"
+#include "algebra/row.tmpl.h"
 #include "algebra/symmetric.tmpl.h"
 #include "algebra/gamma_root.tmpl.h"
 #include "algebra/gamma_fast.tmpl.h"
@@ -56,6 +57,7 @@ double mk_rkfd_exact_nis_f64(int n, int m, int slots, const mk_rkfd_view_f64_t *
 #define MK_FAST_CLOSE 2e-4
 #define MK_FAST_ERROR 1e-11
 #include "algebra/elementary.tmpl.h"
+#include "algebra/row.tmpl.h"
 #include "algebra/symmetric.tmpl.h"
 #include "algebra/gamma_root.tmpl.h"
 #include "algebra/gamma_fast.tmpl.h"

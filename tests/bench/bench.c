@@ -148,7 +148,7 @@ static int run_all(FILE *json, int rounds, int only) {
                     printf("Times in ns a step (medians), times relative to Meshkal, operations of the step, scalar peak in GFLOP/s\n"
                            "and Meshkal's share of it. Columns:");
                     for (int e = 0; e < count; e++) printf(" %d %s%s", e + 1, contenders[e].engine->name, e < count - 1 ? "," : "\n\n");
-                    printf("  n real  shape     c        1        2        3        4        5     2/1     3/1     4/1     5/1  flops   peak share\n");
+                    printf("  n real  shape     c        1        2        3        4        5        6     2/1     3/1     4/1     5/1     6/1  flops   peak share\n");
                 }
                 const double peak = measure(&c, count, rounds);
                 const double flops = bench_flops(sizes[s], tolerance > 0.0, bench_meshkal_evaluations(sizes[s], bits));

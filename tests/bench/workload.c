@@ -24,7 +24,7 @@ static void correlated(int n, int rank, double scale, double diagonal, double *p
         for (int i = 0, at = 0; i < n; i++)
             for (int j = 0; j <= i; j++) packed[at++] += scale * v[i] * v[j];
     }
-    for (int i = 0, at = 0; i < n; at += ++i + 0) packed[at + i] += diagonal;
+    for (int i = 0; i < n; i++) packed[BENCH_PACKED(i) + i] += diagonal;
 }
 
 /* Correlated Q, R and P0, dense A near the identity, every row of C full. */
@@ -96,9 +96,9 @@ double bench_flops(int n, int robust, int evaluations) {
     sum += factor + N * (N - 1) * (N - 2) / 3 + N * (N - 1) / 2 + (N - 1) * N * (N + 1) / 3; /* P^-1 */
     sum += slots * 2 * N;                                                        /* diffusion */
     if (robust && n <= 6) {
-        sum += packed * (2 * N - 1) + 5 * packed + 2 * N + 35; /* P^2, the sums over it, and the first guess */
-        sum += 4 * N + (n == 6 ? 2 * packed : 0) + 10;         /* coefficients */
-        sum += evaluations * 115.0 + 30 + N;
+        sum += N * (N - 1) * (N - 2) / 2 + 7 * N * (N - 1) / 2 + 8 * N + 45; /* tr P^2, tr P^3 and the first guess */
+        sum += 4 * N + (n == 6 ? 2 * packed : 0) + 12;                       /* coefficients */
+        sum += evaluations * 110.0 + 15 + N;
     } else if (robust) {
         sum += 4 * N * N * N / 3 + 6 * N * N + packed;         /* tridiagonal form */
         sum += evaluations * (32 * N + 50) + 10 * N + 30;

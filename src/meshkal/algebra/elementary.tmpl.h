@@ -52,16 +52,14 @@ MK_KERNEL MK_REAL MK_F(mk_log)(MK_REAL x) {
     return k * ln2_high + (d - (s * (d - MK_R(2.0) * z * MK_F(mk_atanh_tail)(z)) - k * ln2_low));
 }
 
-/* t - log(1 + t) for t >= 0, without cancellation: relative error of a few units of rounding however small t is. Here
-   t = above / below and inverse = 1 / below: the quotient s of the series then needs no division that waits for t. */
-MK_KERNEL MK_REAL MK_F(mk_log_gap_quotient)(MK_REAL above, MK_REAL below, MK_REAL inverse) {
-    const MK_REAL t = above * inverse;
+/* t - log(1 + t) for t >= 0, without cancellation: relative error of a few units of rounding however small t is.
+   s = t / (2 + t), which some callers have sooner than t: log(1 + t) = 2 atanh(s) = 2 s (1 + z R). */
+MK_KERNEL MK_REAL MK_F(mk_log_gap_quotient)(MK_REAL t, MK_REAL s) {
     if (t <= MK_R(0.5)) {
-        const MK_REAL s = above / (below + below + above); /* t / (2 + t): log(1 + t) = 2 atanh(s) = 2 s (1 + z R) */
         const MK_REAL z = s * s;
         return s * (t - MK_R(2.0) * z * MK_F(mk_atanh_tail)(z));
     }
     return t - MK_F(mk_log)(MK_R(1.0) + t);
 }
 
-MK_KERNEL MK_REAL MK_F(mk_log_gap)(MK_REAL t) { return MK_F(mk_log_gap_quotient)(t, MK_R(1.0), MK_R(1.0)); }
+MK_KERNEL MK_REAL MK_F(mk_log_gap)(MK_REAL t) { return MK_F(mk_log_gap_quotient)(t, t / (MK_R(2.0) + t)); }

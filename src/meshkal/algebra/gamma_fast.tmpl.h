@@ -11,45 +11,49 @@
    number of P, and D with large c, so the rounding error is bounded at the root and the result is given up where the bound
    is too large. */
 
-/* What is known before the inverse: sums for P / trace P, and a first guess of theta times the trace. */
+/* What is known before the inverse: sums for P / trace P, and the first guess of theta times the trace, which is
+   guess + lift e4. */
 typedef struct {
-    MK_REAL trace, e2, e3, guess;
+    MK_REAL trace, scale, e2, e3, guess, lift;
 } MK_F_T(mk_gamma_start);
 
 MK_KERNEL void MK_F(mk_gamma_fast_start)(int n, const MK_REAL *MK_RESTRICT P, MK_REAL c, MK_F_T(mk_gamma_start) * start) {
     const MK_REAL trace = MK_F(mk_trace)(n, P), scale = MK_R(1.0) / trace, scale2 = scale * scale;
-    MK_REAL p2 = MK_R(0.0), p3 = MK_R(0.0), p4 = MK_R(0.0);
+    /* tr P^2 and tr P^3 over i > j > k: six equal terms with three indices, three with two. Sums by rows keep the chains of
+       additions short. */
+    MK_REAL on2 = MK_R(0.0), on3 = MK_R(0.0), off2 = MK_R(0.0), off3 = MK_R(0.0);
     MK_UNROLL for (int i = 0; i < n; i++) {
-        /* Rows of P^2; off-diagonal elements count twice. Sums by rows keep the chains of additions short. */
-        MK_REAL cubic = MK_R(0.0), quartic = MK_R(0.0);
-        MK_UNROLL for (int j = 0; j <= i; j++) {
-            MK_REAL square = P[MK_AT(i, 0)] * P[MK_AT(j, 0)];
-            MK_UNROLL for (int k = 1; k < n; k++)
-                square += P[i > k ? MK_AT(i, k) : MK_AT(k, i)] * P[j > k ? MK_AT(j, k) : MK_AT(k, j)];
-            const MK_REAL share = j < i ? square : MK_R(0.5) * square;
-            cubic += share * P[MK_AT(i, j)];
-            quartic += share * square;
-            if (j == i) p2 += square;
+        const MK_REAL diagonal = P[MK_AT(i, i)];
+        MK_REAL row2 = MK_R(0.0), row3 = MK_R(0.0);
+        MK_UNROLL for (int j = 0; j < i; j++) {
+            MK_REAL sum = P[MK_AT(i, j)] * (diagonal + P[MK_AT(j, j)]);
+            MK_UNROLL for (int k = 0; k < j; k++) sum += MK_R(2.0) * P[MK_AT(i, k)] * P[MK_AT(j, k)];
+            row2 += P[MK_AT(i, j)] * P[MK_AT(i, j)];
+            row3 += P[MK_AT(i, j)] * sum;
         }
-        p3 += cubic;
-        p4 += quartic;
+        off2 += row2;
+        off3 += row3;
+        on2 += diagonal * diagonal;
+        on3 += diagonal * diagonal * diagonal;
     }
-    p2 *= scale2;
-    p3 *= MK_R(2.0) * (scale2 * scale);
-    p4 *= MK_R(2.0) * (scale2 * scale2);
-    start->trace = trace;
-    start->e2 = MK_R(0.5) * (MK_R(1.0) - p2);
-    start->e3 = n < 3 ? MK_R(0.0) : MK_R(0.16666666666666667) * (MK_R(1.0) - MK_R(3.0) * p2 + MK_R(2.0) * p3);
+    const MK_REAL p2 = (on2 + MK_R(2.0) * off2) * scale2, p3 = (on3 + MK_R(3.0) * off3) * (scale2 * scale);
+    const MK_REAL e2 = MK_R(0.5) * (MK_R(1.0) - p2);
+    const MK_REAL e3 = n < 3 ? MK_R(0.0) : MK_R(0.16666666666666667) * (MK_R(1.0) - MK_R(3.0) * p2 + MK_R(2.0) * p3);
 
     /* The one-eigenvalue model with mu = p3 / p2, whose root in t is s + s^2/3 + s^3/36.., s^2 = 2 c mu^2 / p2, corrected
-       for the p4 that the model gets wrong. */
+       for the p4 = p3 + e3 - e2 p2 - 4 e4 that the model gets wrong. */
     const MK_REAL p2_inverse = MK_R(1.0) / p2;
     const MK_REAL mu = p3 * p2_inverse;
     const MK_REAL sigma = MK_F(mk_sqrt)(MK_R(2.0) * c * p2_inverse);
     const MK_REAL s = sigma * mu;
     const MK_REAL bend = MK_R(1.0) + s * (MK_R(0.33333333333333333) + s * MK_R(0.027777777777777778));
-    const MK_REAL u = sigma * bend / (MK_R(1.0) + s * bend);
-    start->guess = u - MK_R(0.75) * (p4 * p2_inverse - mu * mu) * (u * u * u);
+    const MK_REAL u = sigma * bend / (MK_R(1.0) + s * bend), u3 = u * u * u;
+    start->trace = trace;
+    start->scale = scale;
+    start->e2 = e2;
+    start->e3 = e3;
+    start->guess = u - MK_R(0.75) * ((p3 + e3) * p2_inverse - e2 - mu * mu) * u3;
+    start->lift = MK_R(3.0) * p2_inverse * u3;
 }
 
 /* theta for 1 <= n <= 6 and c > 0; L and inverse as mk_inverse leaves them. Returns the number of evaluations of gamma, or 0
@@ -82,7 +86,7 @@ MK_KERNEL int MK_F(mk_gamma_fast_root)(int n, const MK_F_T(mk_gamma_start) * sta
             e6 = determinant;
         }
     }
-    MK_REAL u = start->guess; /* theta times trace */
+    MK_REAL u = start->guess + start->lift * e4; /* theta times trace */
     for (int evaluations = 1; evaluations <= 3; evaluations++) {
         /* Powers instead of Horner's rule: shorter chains of dependent operations. */
         const MK_REAL u2 = u * u, u4 = u2 * u2;
@@ -92,7 +96,8 @@ MK_KERNEL int MK_F(mk_gamma_fast_root)(int n, const MK_F_T(mk_gamma_start) * sta
         if (!(D > MK_R(0.0))) return 0;
         const MK_REAL D_inverse = MK_R(1.0) / D;
         const MK_REAL tail = ((MK_R(2.0) * a3 - a2) + (MK_R(4.0) * a5 - MK_R(3.0) * a4)) - MK_R(5.0) * a6;
-        const MK_REAL gamma = MK_F(mk_log_gap_quotient)(drop, D, D_inverse) + tail * D_inverse;
+        /* t / (2 + t) does not wait for the division behind t. */
+        const MK_REAL gap = MK_F(mk_log_gap_quotient)(drop * D_inverse, drop / (MK_R(2.0) - drop));
         const MK_REAL E1 = (((u - MK_R(2.0) * a2) + (MK_R(3.0) * a3 - MK_R(4.0) * a4)) + (MK_R(5.0) * a5 - MK_R(6.0) * a6)) * D_inverse;
         const MK_REAL E2 = (((a2 - MK_R(3.0) * a3) + (MK_R(6.0) * a4 - MK_R(10.0) * a5)) + MK_R(15.0) * a6) * D_inverse;
         const MK_REAL E3 = ((a3 - MK_R(4.0) * a4) + (MK_R(10.0) * a5 - MK_R(20.0) * a6)) * D_inverse;
@@ -102,7 +107,7 @@ MK_KERNEL int MK_F(mk_gamma_fast_root)(int n, const MK_F_T(mk_gamma_start) * sta
         const MK_REAL T3 = E1 * (E1 * E1 - MK_R(3.0) * E2) + MK_R(3.0) * E3;
         const MK_REAL T2_inverse = MK_R(1.0) / T2;
         const MK_REAL bend = MK_R(0.5) + T3 * T2_inverse;
-        const MK_REAL newton = (c - gamma) * T2_inverse;
+        const MK_REAL newton = ((c - tail * D_inverse) - gap) * T2_inverse;
         const MK_REAL y = newton * bend;
         const MK_REAL step = newton * (MK_R(1.0) - y + y * y);
         u += u * step;
@@ -114,7 +119,7 @@ MK_KERNEL int MK_F(mk_gamma_fast_root)(int n, const MK_F_T(mk_gamma_start) * sta
                                  (product * (MK_R(1.0) + product) * u +
                                   condition * D_inverse * (MK_R(3.0) * error4 * u4 + MK_R(4.0) * a5 + MK_R(5.0) * a6));
             if (!(loss < MK_FAST_ERROR * T2 && u > MK_R(0.0))) return 0;
-            *theta = u / trace;
+            *theta = u * start->scale;
             return evaluations;
         }
     }

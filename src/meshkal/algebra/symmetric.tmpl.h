@@ -34,20 +34,26 @@ MK_KERNEL void MK_F(mk_ldl_forward)(int n, int columns, const MK_REAL *MK_RESTRI
     MK_UNROLL for (int i = 1; i < n; i++) {
         MK_UNROLL for (int k = 0; k < i; k++) {
             const MK_REAL factor = L[MK_AT(i, k)];
-            MK_UNROLL for (int c = 0; c < columns; c++) X[i * columns + c] -= factor * X[k * columns + c];
+            MK_F(mk_row_subtract)(columns, factor, X + k * columns, X + i * columns);
         }
     }
 }
 
-/* P := P + X' D^-1 X, X n x n in row order, D^-1 the diagonal left by mk_ldl in L. */
-MK_KERNEL void MK_F(mk_ldl_congruence)(int n, const MK_REAL *MK_RESTRICT L, const MK_REAL *MK_RESTRICT X,
-                                       MK_REAL *MK_RESTRICT P) {
-    MK_UNROLL for (int k = 0; k < n; k++) {
-        MK_UNROLL for (int i = 0; i < n; i++) {
-            const MK_REAL scaled = L[MK_AT(k, k)] * X[k * n + i];
-            MK_UNROLL for (int j = 0; j <= i; j++) P[MK_AT(i, j)] += scaled * X[k * n + j];
-        }
+/* Row i of the inverse below, rows above done. Returns 1, or 0 if S is not positive definite. */
+MK_KERNEL int MK_F(mk_inverse_row)(int i, MK_REAL *MK_RESTRICT S, MK_REAL *MK_RESTRICT K, MK_REAL *MK_RESTRICT Z) {
+    MK_REAL *const MK_RESTRICT row = K + MK_AT(i, 0);
+    const int good = MK_F(mk_ldl_row)(i, S);
+    MK_UNROLL for (int j = 0; j < i; j++) {
+        MK_REAL sum = S[MK_AT(i, j)];
+        MK_UNROLL for (int k = j + 1; k < i; k++) sum += S[MK_AT(i, k)] * K[MK_AT(k, j)];
+        row[j] = -sum;
     }
+    MK_F(mk_row_join)(i, row);
+    const MK_REAL d_inverse = S[MK_AT(i, i)];
+    MK_UNROLL for (int j = 0; j < i; j++) MK_F(mk_row_add)(j + 1, d_inverse * row[j], row, Z + MK_AT(j, 0));
+    MK_F(mk_row_scale)(i, d_inverse, row, Z + MK_AT(i, 0));
+    Z[MK_AT(i, i)] = d_inverse;
+    return good;
 }
 
 /* Z := S^-1; S becomes its factor, K (packed, strict lower triangle) L^-1. Returns 1, or 0 if S is not positive definite; Z is
@@ -55,21 +61,7 @@ MK_KERNEL void MK_F(mk_ldl_congruence)(int n, const MK_REAL *MK_RESTRICT L, cons
    the chain of divisions takes. */
 MK_KERNEL int MK_F(mk_inverse)(int n, MK_REAL *MK_RESTRICT S, MK_REAL *MK_RESTRICT K, MK_REAL *MK_RESTRICT Z) {
     int good = 1;
-    MK_UNROLL for (int i = 0; i < n; i++) {
-        good &= MK_F(mk_ldl_row)(i, S);
-        MK_UNROLL for (int j = 0; j < i; j++) {
-            MK_REAL sum = S[MK_AT(i, j)];
-            MK_UNROLL for (int k = j + 1; k < i; k++) sum += S[MK_AT(i, k)] * K[MK_AT(k, j)];
-            K[MK_AT(i, j)] = -sum;
-        }
-        const MK_REAL d_inverse = S[MK_AT(i, i)];
-        MK_UNROLL for (int j = 0; j < i; j++) {
-            const MK_REAL scaled = d_inverse * K[MK_AT(i, j)];
-            MK_UNROLL for (int k = 0; k <= j; k++) Z[MK_AT(j, k)] += scaled * K[MK_AT(i, k)];
-            Z[MK_AT(i, j)] = scaled;
-        }
-        Z[MK_AT(i, i)] = d_inverse;
-    }
+    MK_UNROLL for (int i = 0; i < n; i++) good &= MK_F(mk_inverse_row)(i, S, K, Z);
     return good;
 }
 

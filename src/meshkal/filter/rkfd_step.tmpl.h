@@ -2,18 +2,26 @@
 /* The robust step of spec 1.4 in information form. W = V^-1 is carried from step to step instead of V: with it a step inverts
    one matrix, not three. */
 
+/* Row k of the prediction below, rows above done: of the factor in Y, of X, and what it adds to P. Returns 1, or 0 if Y is not
+   positive definite. All three in one row: the products for X and P fill the time that the chain of divisions in Y takes. */
+MK_KERNEL int MK_F(mk_robust_predict_row)(int k, int n, const MK_REAL *MK_RESTRICT A, MK_REAL *MK_RESTRICT Y,
+                                          MK_REAL *MK_RESTRICT X, MK_REAL *MK_RESTRICT P) {
+    const int good = MK_F(mk_ldl_row)(k, Y);
+    MK_F(mk_row_gather)(n, n, A + k, X + k * n);
+    MK_UNROLL for (int i = 0; i < k; i++) MK_F(mk_row_subtract)(n, Y[MK_AT(k, i)], X + i * n, X + k * n);
+    MK_UNROLL for (int i = 0; i < n; i++)
+        MK_F(mk_row_add)(i + 1, Y[MK_AT(k, k)] * X[k * n + i], X + k * n, P + MK_AT(i, 0));
+    return good;
+}
+
 /* Y = W + sum of S_l, packed, becomes its factor L; X (n x n) becomes L^-1 A'; P := A Y^-1 A' + Q = X' D^-1 X + Q.
    MK_ERROR_NOT_POSITIVE_DEFINITE if Y is not. */
 MK_KERNEL mk_status_t MK_F(mk_robust_predict)(int n, const MK_REAL *MK_RESTRICT A, const MK_REAL *MK_RESTRICT Q,
                                               MK_REAL *MK_RESTRICT Y, MK_REAL *MK_RESTRICT X, MK_REAL *MK_RESTRICT P) {
-    if (!MK_F(mk_ldl)(n, Y)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
-    MK_UNROLL for (int i = 0; i < n; i++) {
-        MK_UNROLL for (int j = 0; j < n; j++) X[i * n + j] = A[j * n + i];
-    }
-    MK_F(mk_ldl_forward)(n, n, Y, X);
-    for (int i = 0; i < MK_AT(n, 0); i++) P[i] = Q[i];
-    MK_F(mk_ldl_congruence)(n, Y, X, P);
-    return MK_OK;
+    MK_F(mk_packed_copy)(n, Q, P);
+    int good = 1;
+    MK_UNROLL for (int k = 0; k < n; k++) good &= MK_F(mk_robust_predict_row)(k, n, A, Y, X, P);
+    return good ? MK_OK : MK_ERROR_NOT_POSITIVE_DEFINITE;
 }
 
 /* theta with gamma(P, theta) = c, 0 for c = 0, and Z := P^-1 - theta I, the next W. work: MK_ROBUST_WORK(n) numbers.
@@ -22,12 +30,15 @@ MK_KERNEL mk_status_t MK_F(mk_robust_information)(int n, const MK_REAL *MK_RESTR
                                                   MK_REAL *theta, int *iterations, MK_REAL *MK_RESTRICT work) {
     const int robust = c > MK_R(0.0);
     MK_REAL *const MK_RESTRICT L = work, *const MK_RESTRICT K = work + MK_AT(n, 0);
-    MK_F_T(mk_gamma_start) start;
-    memset(&start, 0, sizeof start); /* not read for c = 0, which compilers do not see */
+    MK_F_T(mk_gamma_start) start = {MK_R(0.0), MK_R(0.0), MK_R(0.0), MK_R(0.0), MK_R(0.0), MK_R(0.0)}; /* not read for c = 0, which compilers do not see */
     /* Before the inverse, which it does not need: the two overlap. */
-    if (n <= MK_FAST_LARGEST_N && robust) MK_F(mk_gamma_fast_start)(n, P, c, &start);
-    for (int i = 0; i < MK_AT(n, 0); i++) L[i] = P[i];
-    if (!MK_F(mk_inverse)(n, L, K, Z)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    MK_F(mk_packed_split)(n, P, L);
+    int good = 1;
+    MK_UNROLL for (int i = 0; i < n; i++) {
+        if (n <= MK_FAST_LARGEST_N && i == n / 2 && robust) MK_F(mk_gamma_fast_start)(n, P, c, &start);
+        good &= MK_F(mk_inverse_row)(i, L, K, Z);
+    }
+    if (!good) return MK_ERROR_NOT_POSITIVE_DEFINITE;
     *theta = MK_R(0.0);
     *iterations = 0;
     if (robust) {
@@ -43,14 +54,12 @@ MK_KERNEL mk_status_t MK_F(mk_robust_information)(int n, const MK_REAL *MK_RESTR
         *iterations = count;
         MK_UNROLL for (int i = 0; i < n; i++) Z[MK_AT(i, i)] -= *theta;
     }
-    /* A positive definite matrix has its largest elements on the diagonal, so the traces speak for all of P and Z. */
-    const MK_REAL size = MK_F(mk_trace)(n, P) * MK_R(0.0) + MK_F(mk_trace)(n, Z) * MK_R(0.0);
-    if (!(size == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
     /* The smallest eigenvalue of Z is at least 1 / lambda_max(P) / (2 + 2 c), its rounding error about n epsilon |P^-1|. Where
-       the condition number brings the two together, or underflow is near, only a factorisation tells; that is rare, so it is
-       out of line. */
+       the condition number brings the two together, or the range ends, only a factorisation tells: rare, so out of line. */
     const MK_REAL bound = MK_F(mk_trace)(n, P) * (MK_R(1.0) + c), inverse = MK_F(mk_trace)(n, Z) + (MK_REAL)n * *theta;
     if (bound * inverse * (MK_REAL)n < MK_R(0.02) / MK_EPSILON && bound < MK_R(0.1) / MK_SMALLEST) return MK_OK;
+    /* A positive definite matrix has its largest elements on the diagonal, so the traces speak for all of P and Z. */
+    if (!((bound + inverse) * MK_R(0.0) == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
     return MK_F(mk_positive_definite)(n, Z, work) ? MK_OK : MK_ERROR_NOT_POSITIVE_DEFINITE;
 }
 
@@ -63,15 +72,13 @@ MK_KERNEL MK_REAL MK_F(mk_rkfd_gather)(int n, int m, const MK_F_T(mk_rkfd_config
     const MK_REAL *const MK_RESTRICT R_inverse = config->R_inverse + slot * MK_AT(m, 0);
     MK_REAL square = MK_R(0.0);
     MK_UNROLL for (int r = 0; r < m; r++) {
-        MK_REAL predicted = MK_R(0.0);
-        if (!is_innovation) {
-            MK_UNROLL for (int j = 0; j < n; j++) predicted += C[r * n + j] * x[j];
-        }
-        e[r] = y[r] - predicted;
+        MK_REAL predicted = C[r * n] * x[0];
+        MK_UNROLL for (int j = 1; j < n; j++) predicted += C[r * n + j] * x[j];
+        e[r] = is_innovation ? y[r] : y[r] - predicted;
     }
-    for (int i = 0; i < MK_AT(n, 0); i++) Y[i] += S[i];
+    MK_F(mk_row_sum)(MK_AT(n, 0), S, Y);
     MK_UNROLL for (int r = 0; r < m; r++) {
-        MK_UNROLL for (int i = 0; i < n; i++) b[i] += F[r * n + i] * e[r];
+        MK_F(mk_row_add)(n, e[r], F + r * n, b);
     }
     MK_UNROLL for (int r = 0; r < m; r++) {
         MK_REAL below = MK_R(0.0);
@@ -92,7 +99,7 @@ MK_KERNEL mk_status_t MK_F(mk_inline_rkfd_incremental)(int n, int m, int slots, 
     /* Y and X are used up when the root is sought, and lend their room. */
     MK_REAL *const MK_RESTRICT Y = e + m, *const MK_RESTRICT X = Y + packed;
 
-    for (int i = 0; i < packed; i++) Y[i] = view->W[i];
+    MK_F(mk_row_copy)(packed, view->W, Y);
     MK_UNROLL for (int i = 0; i < n; i++) b[i] = MK_R(0.0);
     MK_REAL nis = MK_R(0.0);
     unsigned used = 0, rows = 0;
@@ -104,11 +111,11 @@ MK_KERNEL mk_status_t MK_F(mk_inline_rkfd_incremental)(int n, int m, int slots, 
     }
     const MK_REAL *const r = input ? input : config->input;
     MK_UNROLL for (int i = 0; i < n; i++) {
-        MK_REAL sum = r ? r[i] : MK_R(0.0);
-        MK_UNROLL for (int j = 0; j < n; j++) sum += config->A[i * n + j] * view->x[j];
+        MK_REAL sum = config->A[i * n] * view->x[0];
+        MK_UNROLL for (int j = 1; j < n; j++) sum += config->A[i * n + j] * view->x[j];
         psi[i] = sum;
     }
-
+    if (r) MK_F(mk_row_sum)(n, r, psi);
     mk_status_t status = MK_F(mk_robust_predict)(n, config->A, config->Q, Y, X, P);
     if (status != MK_OK) return status;
     /* A M b = X' D^-1 L^-1 b; the innovations' square in the metric of C V C' + R is e' R^-1 e - b' M b. */
@@ -130,7 +137,7 @@ MK_KERNEL mk_status_t MK_F(mk_inline_rkfd_incremental)(int n, int m, int slots, 
     status = MK_F(mk_robust_information)(n, P, core->tolerance, Z, &theta, &iterations, Y);
     if (status != MK_OK) return status;
 
-    for (int i = 0; i < packed; i++) view->W[i] = Z[i];
+    MK_F(mk_packed_copy)(n, Z, view->W);
     MK_UNROLL for (int i = 0; i < n; i++) view->psi[i] = psi[i];
     view->have_psi[0] = 1;
     for (int l = 0; l < slots; l++) view->have_y[l] = 0;

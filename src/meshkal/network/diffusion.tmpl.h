@@ -20,8 +20,7 @@ MK_KERNEL mk_status_t MK_F(mk_inline_rkfd_diffuse)(int n, int slots, const MK_F_
         MK_UNROLL for (int i = 0; i < n; i++) x[i] = MK_R(0.0);
         for (int l = 0; l < slots; l++) {
             if (!view->have_psi[l]) continue;
-            const MK_REAL share = weight[l] * scale;
-            MK_UNROLL for (int i = 0; i < n; i++) x[i] += share * psi[l * n + i];
+            MK_F(mk_row_add)(n, weight[l] * scale, psi + l * n, x);
         }
     } else {
         MK_UNROLL for (int i = 0; i < n; i++) x[i] = psi[i];
