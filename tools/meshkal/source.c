@@ -109,7 +109,7 @@ void mk_source_step(mk_source_t *source, int run, int t) {
 
 static double *all_missing(size_t count) {
     double *values = mk_allocate(count, sizeof *values);
-    for (size_t i = 0; i < count; i++) values[i] = NAN;
+    for (size_t i = 0; i < count; i++) values[i] = (double)NAN;
     return values;
 }
 
@@ -139,7 +139,7 @@ static void drop_partial(mk_source_t *source) {
             for (int r = 0; r < s->sensor[k].rows; r++) missing += isnan(y[r]);
             if (missing == 0 || missing == s->sensor[k].rows) continue;
             source->dropped_readings++;
-            for (int r = 0; r < s->sensor[k].rows; r++) y[r] = NAN;
+            for (int r = 0; r < s->sensor[k].rows; r++) y[r] = (double)NAN;
         }
 }
 
