@@ -14,7 +14,7 @@ WARNINGS = -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wvla -Wmissi
 CFLAGS   = -std=c99 $(OPTIMISE) -g $(ARITHMETIC) $(WARNINGS)
 INCLUDE  = -Iinclude -Isrc
 HOST_INCLUDE = $(INCLUDE) -Iport/host -Itools/meshkal -D_POSIX_C_SOURCE=200809L
-HOST_LIBS = -llapacke -ljansson -lcbor -lsodium -lm
+HOST_LIBS = -pthread -llapacke -ljansson -lcbor -lsodium -lm
 
 LIBRARY  = $(BUILD)/libmeshkal.a
 PROGRAM  = $(BUILD)/meshkal
@@ -30,6 +30,7 @@ help: ## this list
 # --- what the machine needs ------------------------------------------------------------------------------------------------
 
 PACKAGES = gcc g++ clang make pkgconf liblapacke-dev libjansson-dev libcbor-dev libsodium-dev libcmocka-dev libeigen3-dev \
+           openmpi-bin libopenmpi-dev libmetis-dev \
            python3-venv
 SETUP = .venv/setup-done
 # Other users than root need sudo.

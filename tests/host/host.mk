@@ -13,7 +13,7 @@ else
 HOST_TEST := tests/host
 HOST_PLAIN := $(BUILD)/test-host
 HOST_SANE := $(BUILD)/test-host-sanitize
-HOST_TEST_LIBS := -lcmocka -llapacke -ljansson -lcbor -lsodium -lm
+HOST_TEST_LIBS := -pthread -lcmocka -llapacke -ljansson -lcbor -lsodium -lm
 SANITIZE ?= -O1 -fsanitize=address,undefined -fno-sanitize-recover=all
 
 # Objects of port/host and the library, plain and sanitized.
