@@ -38,7 +38,7 @@ BAD = [
     ((*DES, "--real", "double"), "--real double: must be float32 or float64"),
     ((*DES, "--c-max", "some"), "--c-max some: must be none, central or all"),
     (("design", "{}/one.json", "--per-step", 3), "--per-step goes with --json"),
-    ((*SIM, "--truth", "x.csv"), "--truth goes with --measurements"),
+    ((*SIM, "--truth", "x.csv"), "--truth x.csv: must be nominal or least-favourable; a file goes with --measurements"),
     ((*SIM, "--measurements", "x.csv", "--runs", 2), "--runs: recorded measurements can be run once only"),
     *(((*SIM, "--steps", v), f"--steps {v}: must be an integer from 1 to 1000000000") for v in (0, -1, 1.5, "", "ten", "5x", 10**9 + 1, 10**30)),
     *(((*SIM, "--runs", v), f"--runs {v}: must be an integer from 1 to 100000000") for v in (0, "1e3", 10**8 + 1)),

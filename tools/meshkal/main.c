@@ -25,9 +25,13 @@ static const char help[] =
     "    --real float32|float64   precision of the nodes (default float64)\n"
     "    --loss P             probability that a message is lost\n"
     "    --measurements FILE.csv  recorded instead of drawn: columns t,node,row,value\n"
-    "    --truth FILE.csv     recorded truth: columns t,state,value\n"
+    "    --truth nominal|least-favourable   model that is drawn from (default nominal)\n"
+    "    --truth FILE.csv     recorded truth of recorded measurements: columns t,state,value\n"
+    "    --horizon T          last step of the least favourable model (default: 100 after the run)\n"
     "    --out FILE           log of the run, CBOR; - is standard output\n"
     "    --json FILE          summary for programs\n"
+    "    --threads N          (default: all cores)\n"
+    "    --resume FILE        complete runs are kept there; a later call goes on, also to more runs\n"
     "\n"
     "meshkal scenario projectile [options]       a random draw of the published example, to standard output\n"
     "    --nodes N --seed S   (default 20 nodes, seed 1)\n"
@@ -44,7 +48,7 @@ static int run(int argc, char **argv) {
         return wants_help ? 0 : MK_EXIT_INPUT;
     }
     if (strcmp(name, "design") == 0) return mk_command_design(argc - 1, argv + 1);
-    if (strcmp(name, "simulate") == 0) return mk_command_simulate(argc - 1, argv + 1);
+    if (strcmp(name, "simulate") == 0) return mk_command_simulate(argc - 1, argv + 1, NULL);
     if (strcmp(name, "scenario") == 0) return mk_command_scenario(argc - 1, argv + 1);
     if (strcmp(name, "--version") == 0) {
         (void)puts("meshkal " MK_VERSION);
