@@ -13,10 +13,6 @@
 #include "parallel.h"
 #include "runner.h"
 
-const mk_filter_t mk_filters[MK_FILTERS] = {
-    {"kfc", 1, MK_TOLERANCE_ZERO},     {"rkfc", 1, MK_TOLERANCE_GLOBAL},      {"kfd", 0, MK_TOLERANCE_ZERO},
-    {"rkfdu", 0, MK_TOLERANCE_GLOBAL}, {"rkfdnu", 0, MK_TOLERANCE_SCHEDULE}, {"rkfdnu2", 0, MK_TOLERANCE_STEADY}};
-
 static volatile sig_atomic_t stop_now;
 
 static void on_signal(int number) {
@@ -156,30 +152,6 @@ static void run_all(mk_running_t *r) {
     if (r->c->progress && r->shown >= 0) (void)fputs("\r\033[K", stderr);
 }
 
-/* Tolerances of the filter's mode, for the estimators of this part. */
-static int make_tolerances(mk_running_t *r, mk_error_t *error) {
-    const mk_campaign_t *c = r->c;
-    const mk_scenario_t *s = c->scenario;
-    const int E = r->topology.estimators;
-    r->tolerance = mk_allocate((size_t)E, sizeof *r->tolerance);
-    for (int e = 0; e < E; e++) r->tolerance[e] = c->filter->mode == MK_TOLERANCE_GLOBAL ? c->tolerance : 0.0;
-    if (c->filter->mode == MK_TOLERANCE_SCHEDULE) {
-        double *all = mk_design_schedule(s, c->tolerance, c->steps, error);
-        if (!all) return 0;
-        r->schedule = mk_allocate((size_t)c->steps * (size_t)E, sizeof *r->schedule);
-        for (int t = 0; t < c->steps; t++)
-            for (int e = 0; e < E; e++)
-                r->schedule[(size_t)t * (size_t)E + (size_t)e] = all[(size_t)t * (size_t)s->nodes + (size_t)mk_topology_id(&r->topology, e)];
-        free(all);
-    }
-    if (c->filter->mode != MK_TOLERANCE_STEADY) return 1;
-    mk_design_t design;
-    if (!mk_design_make(&design, s, c->tolerance, error)) return 0;
-    for (int e = 0; e < E; e++) r->tolerance[e] = design.local[mk_topology_id(&r->topology, e)];
-    mk_design_free(&design);
-    return 1;
-}
-
 /* What an earlier call has kept is taken as if it were run now. */
 static int take_kept(mk_running_t *r, mk_error_t *error) {
     int good = 1;
@@ -272,7 +244,8 @@ int mk_campaign_run(const mk_campaign_t *c, const mk_source_t *source, mk_team_t
     result->estimators = c->filter->central ? 1 : s->nodes;
     mk_statistics_open(&result->statistics, s->n, c->steps, result->estimators);
     int status = MK_EXIT_INPUT;
-    if (team->agree(team, make_tolerances(&r, error), error)) {
+    r.tolerance = mk_allocate((size_t)r.topology.estimators, sizeof *r.tolerance);
+    if (team->agree(team, mk_filter_tolerances(c->filter, s, c->tolerance, c->steps, &r.topology, c->threads, r.tolerance, &r.schedule, error), error)) {
         open_runners(&r);
         status = run_logged(&r, error);
         close_runners(&r);

@@ -1,13 +1,15 @@
 /* SPDX-License-Identifier: MIT */
-#define MK_ROLLED
 #include "least_favourable.h"
 
 #include <math.h>
-#include <meshkal/kernels.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "dense.h"
 #include "design.h"
+#include "sized.h"
+
+#define MK_AT(i, j) ((i) * ((i) + 1) / 2 + (j))
 
 static size_t packed(int n) { return (size_t)MK_PACKED(n); }
 
@@ -45,20 +47,14 @@ static int root_upper(int n, double *G) {
     return 1;
 }
 
-/* Numbers of one step, before the adversary: V, Ag, MA and, in the place of N, Z. scratch: 3 packed + n x n numbers. */
+/* Numbers of one step, before the adversary: V, Ag, MA and, in the place of N, Z. scratch: 3 packed matrices and two of n x n. */
 static void take_step(const mk_least_favourable_t *model, const mk_recursion_t *r, int t, double *scratch) {
     const int n = model->n;
     const size_t square = (size_t)(n * n), at = (size_t)t * square;
-    double *Ag = model->Ag + at, *MA = model->MA + at, *Z = model->N + at, *Y = scratch, *K = Y + packed(n), *M = K + packed(n), *T = M + packed(n);
+    double *Z = model->N + at, *MA = model->MA + at, *Y = scratch, *T = scratch + 3 * packed(n);
+    mk_recursion_gain(r, MA, model->Ag + at, scratch);
     memcpy(Y, r->W, packed(n) * sizeof *Y);
-    (void)mk_inverse_f64(n, Y, K, model->V + (size_t)t * packed(n));
-    for (size_t i = 0; i < packed(n); i++) Y[i] = r->W[i] + r->S[i];
-    (void)mk_inverse_f64(n, Y, K, M);
-    mk_unpack(n, M, Z);
-    mk_multiply_transposed(n, Z, r->A, MA);
-    /* Ag = A - A M S = A M V^-1, without the difference. */
-    mk_unpack(n, r->W, Z);
-    mk_multiply_left_transposed(n, MA, Z, Ag);
+    (void)mk_sized_inverse(n, Y, Y + packed(n), model->V + (size_t)t * packed(n));
     mk_unpack(n, r->S, Z);
     mk_multiply(n, Z, MA, T);
     mk_multiply_left_transposed(n, MA, T, Z);
