@@ -5,6 +5,7 @@
 #include <stdlib.h>
 
 #include "design.h"
+#include "fixed_point.h"
 #include "sized.h"
 
 static size_t packed(int n) { return (size_t)MK_PACKED(n); }
@@ -56,8 +57,10 @@ int mk_recursion_settle(mk_recursion_t *r, long limit) {
     /* Rounding keeps the last digits moving, more so at large c: a change that has stopped shrinking below 1e-11 is one too.
        Cycles, the way in which a large c fails, stay far above. */
     const size_t count = packed(r->n);
-    double *before = mk_allocate(count, sizeof *before), least = (double)INFINITY;
-    long since = 0;
+    const int leaps = r->n <= MK_FIXED_POINT_LARGEST_N;
+    double *before = mk_allocate(2 * count + (leaps ? MK_FIXED_POINT_WORK(r->n) : 0), sizeof *before), *earlier = before + count;
+    double least = (double)INFINITY;
+    long since = 0, next = 16;
     int settled = 0;
     for (long step = 0; step < limit && !settled; step++) {
         memcpy(before, r->P, count * sizeof *before);
@@ -71,6 +74,10 @@ int mk_recursion_settle(mk_recursion_t *r, long limit) {
         since = change < least ? 0 : since + 1;
         least = fmin(least, change);
         settled = step > 0 && (change < 1e-15 || (least < 1e-11 && since > 50));
+        if (!leaps || settled || step + 1 < next) continue;
+        if (next > 16) settled = mk_fixed_point(r, earlier, earlier + count);
+        memcpy(earlier, r->P, count * sizeof *earlier);
+        next += next / 2;
     }
     free(before);
     return settled;
