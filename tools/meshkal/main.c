@@ -16,6 +16,8 @@ static const char help[] =
     "    --per-step T         also c_k(t) for T steps, into the JSON file\n"
     "    --tolerance C        instead of the scenario's\n"
     "    --c-max none|central|all   guaranteed tolerances (default: all up to 200 nodes, else central)\n"
+    "    --covariances        P and V of every node into the JSON file, above 10 000 nodes, too\n"
+    "    --threads N          (default: all cores)\n"
     "    --allow-unobservable     go on when a node does not see all states\n"
     "\n"
     "meshkal simulate SCENARIO.json [options]    run the node code as a network\n"
