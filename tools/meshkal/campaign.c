@@ -5,12 +5,12 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "commands.h"
 #include "design.h"
 #include "kept_runs.h"
 #include "parallel.h"
+#include "process.h"
 #include "runner.h"
 
 static volatile sig_atomic_t stop_now;
@@ -181,12 +181,10 @@ static int open_log(mk_running_t *r, mk_error_t *error) {
 
 /* The work and its files, once everything that can be refused is known to be good. */
 static int run_logged(mk_running_t *r, mk_error_t *error) {
-    struct timespec from, to;
     if (!take_kept(r, error) || !open_log(r, error)) return MK_EXIT_INPUT;
-    (void)clock_gettime(CLOCK_MONOTONIC, &from);
+    const double from = mk_seconds();
     run_all(r);
-    (void)clock_gettime(CLOCK_MONOTONIC, &to);
-    r->result->seconds = (double)(to.tv_sec - from.tv_sec) + 1e-9 * (double)(to.tv_nsec - from.tv_nsec);
+    r->result->seconds = mk_seconds() - from;
     r->result->interrupted = r->shared.state == MK_RUN_STOPPED;
     int good = r->shared.state != MK_RUN_FAILED;
     if (r->c->log_path && r->team->rank == 0) {

@@ -2,7 +2,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "c_header.h"
 #include "commands.h"
@@ -10,6 +9,7 @@
 #include "file.h"
 #include "first_error.h"
 #include "parallel.h"
+#include "process.h"
 
 /* Above this many nodes the guaranteed tolerances of all of them (milliseconds each) are made on request only. */
 #define ALL_LIMIT 200
@@ -76,12 +76,6 @@ static void free_results(mk_design_results_t *r) {
     free(r->node);
 }
 
-static double now(void) {
-    struct timespec time;
-    (void)clock_gettime(CLOCK_MONOTONIC, &time);
-    return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
-}
-
 static int check_arguments(mk_design_results_t *r, const arguments_t *a, double *tolerance, mk_error_t *error) {
     long long threads = mk_cores();
     if (!mk_option_real("tolerance", a->tolerance, 0.0, 1e6, tolerance, error) ||
@@ -96,7 +90,7 @@ static int check_arguments(mk_design_results_t *r, const arguments_t *a, double 
 
 static int design(mk_design_results_t *r, const arguments_t *a, mk_error_t *error) {
     const mk_scenario_t *s = r->scenario;
-    const double begin = now();
+    const double begin = mk_seconds();
     double tolerance = s->tolerance;
     if (!check_arguments(r, a, &tolerance, error) || !check_observability(r, a->allow_unobservable, error) ||
         !mk_design_central(&r->design, s, tolerance, error))
@@ -107,7 +101,7 @@ static int design(mk_design_results_t *r, const arguments_t *a, mk_error_t *erro
         !make_bounds(r, a->c_max, error))
         return 0;
     if (a->per_step) r->schedule = mk_schedule_open(s, tolerance, NULL, s->nodes, r->threads);
-    r->seconds = now() - begin;
+    r->seconds = mk_seconds() - begin;
     return 1;
 }
 
@@ -129,11 +123,11 @@ int mk_command_design(int argc, char **argv) {
                                    {"covariances", NULL, &a.covariances},
                                    {"allow-unobservable", NULL, &a.allow_unobservable},
                                    {NULL, NULL, NULL}};
-    const double begin = now();
+    const double begin = mk_seconds();
     if (!mk_parse_options(argc, argv, options, "the scenario file", &path, &error) || !mk_scenario_load(&scenario, path, &error))
         return mk_complain(&error, MK_EXIT_INPUT);
     r.scenario = &scenario;
-    r.loaded = now() - begin;
+    r.loaded = mk_seconds() - begin;
     mk_output_t file;
     /* The place of the results is tried before the work. */
     int status = a.json && !mk_open_output(&file, a.json, &error) ? MK_EXIT_INPUT : 0;

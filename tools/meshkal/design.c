@@ -260,11 +260,11 @@ void mk_schedule_close(mk_schedule_t *m) {
     free(m);
 }
 
-double *mk_design_schedule(const mk_scenario_t *s, double tolerance, int steps, mk_error_t *error) {
-    double *c = doubles((size_t)steps * (size_t)s->nodes);
-    mk_schedule_t *schedule = mk_schedule_open(s, tolerance, NULL, s->nodes, mk_cores());
+double *mk_design_schedule(const mk_scenario_t *s, double tolerance, int steps, const int *id, long count, int threads, mk_error_t *error) {
+    double *c = doubles((size_t)steps * (size_t)count);
+    mk_schedule_t *schedule = mk_schedule_open(s, tolerance, id, count, threads);
     int good = 1;
-    for (int t = 0; t < steps && good; t++) good = mk_schedule_step(schedule, c + (size_t)t * (size_t)s->nodes, error);
+    for (int t = 0; t < steps && good; t++) good = mk_schedule_step(schedule, c + (size_t)t * (size_t)count, error);
     mk_schedule_close(schedule);
     if (good) return c;
     free(c);

@@ -73,8 +73,8 @@ mk_schedule_t *mk_schedule_open(const mk_scenario_t *scenario, double tolerance,
 /* c of the next step, one for each node asked for. 1, or 0 and an error. */
 int mk_schedule_step(mk_schedule_t *schedule, double *c, mk_error_t *error);
 void mk_schedule_close(mk_schedule_t *schedule);
-/* All nodes, row by row (steps x nodes). Null and an error on failure. */
-double *mk_design_schedule(const mk_scenario_t *scenario, double tolerance, int steps, mk_error_t *error);
+/* The first steps, row by row (steps x count). Null and an error on failure. */
+double *mk_design_schedule(const mk_scenario_t *scenario, double tolerance, int steps, const int *id, long count, int threads, mk_error_t *error);
 
 /* Dimensions of what cannot be observed or reached. */
 typedef struct {

@@ -4,9 +4,9 @@
 #include <jansson.h>
 #include <math.h>
 #include <stdlib.h>
-#include <sys/resource.h>
 
 #include "json_out.h"
+#include "process.h"
 
 static double bound(const mk_admissible_t *a) { return a->count ? a->c[a->count - 1] : 0.0; }
 
@@ -99,15 +99,10 @@ int mk_write_design(FILE *stream, const mk_design_results_t *r, mk_error_t *erro
 
 /* --- table ----------------------------------------------------------------------------------------------------------------- */
 
-/* Peak memory is of the whole process; Linux counts it in KiB. */
 static void print_cost(const mk_design_results_t *r) {
-    struct rusage usage;
-    (void)printf("read in %.2f s, designed in %.2f s on %d thread%s", r->loaded, r->seconds, r->threads, r->threads > 1 ? "s" : "");
-    if (getrusage(RUSAGE_SELF, &usage) == 0) {
-        const double bytes = 1024.0 * (double)usage.ru_maxrss;
-        (void)printf("; peak memory %.0f MB, %.0f bytes a node", 1e-6 * bytes, bytes / r->scenario->nodes);
-    }
-    (void)puts("");
+    const double bytes = mk_peak_memory();
+    (void)printf("read in %.2f s, designed in %.2f s on %d thread%s; peak memory %.0f MiB, %.0f bytes a node\n", r->loaded, r->seconds, r->threads,
+                 r->threads > 1 ? "s" : "", bytes / 1048576.0, bytes / r->scenario->nodes);
 }
 
 static void print_bound(const char *text, double c) {

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 
 #include "json_out.h"
-#include "memory.h"
+#include "process.h"
 
 static double decibel(double msd) { return 10.0 * log10(msd); }
 /* Half-width of an interval of an msd, in dB. */

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT */
-#include "memory.h"
+#include "process.h"
 
 #include <stdio.h>
 #include <sys/resource.h>
+#include <time.h>
 
 double mk_peak_memory(void) {
     /* Linux counts a process's maximum resident set on from that of the program that started it; its high-water mark starts anew. */
@@ -15,4 +16,10 @@ double mk_peak_memory(void) {
     struct rusage usage;
     if (!(kilobytes > 0.0) && getrusage(RUSAGE_SELF, &usage) == 0) kilobytes = (double)usage.ru_maxrss;
     return 1024.0 * kilobytes;
+}
+
+double mk_seconds(void) {
+    struct timespec time;
+    (void)clock_gettime(CLOCK_MONOTONIC, &time);
+    return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
 }
