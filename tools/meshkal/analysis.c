@@ -4,11 +4,11 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "design.h"
 #include "error_covariance.h"
 #include "parallel.h"
+#include "process.h"
 
 /* Below this many estimators a step is shorter than the start of a thread. */
 #define WORTH_THREADS 48
@@ -40,7 +40,7 @@ static int open_filters(filters_t *f, const mk_analysis_t *a, mk_error_t *error)
     f->scratch = f->MA + E * square;
     f->failed = mk_allocate(E, sizeof *f->failed);
     f->recursion = mk_allocate(E, sizeof *f->recursion);
-    if (!mk_filter_tolerances(a->filter, s, a->tolerance, a->horizon + 1, f->fixed, &f->schedule, error)) return 0;
+    if (!mk_filter_tolerances(a->filter, s, a->tolerance, a->horizon + 1, &f->topology, a->threads, f->fixed, &f->schedule, error)) return 0;
     for (size_t e = 0; e < E; e++) {
         mk_recursion_open(&f->recursion[e], s, f->fixed[e]);
         for (int i = f->topology.first[e]; i < f->topology.first[e + 1]; i++) mk_recursion_add(&f->recursion[e], &s->sensor[f->topology.slot[i]]);
@@ -189,9 +189,8 @@ static int run(const mk_analysis_t *a, filters_t *f, mk_performance_t *r, mk_err
 }
 
 int mk_analyse(const mk_analysis_t *a, mk_performance_t *r, mk_error_t *error) {
-    struct timespec from, to;
+    const double from = mk_seconds();
     filters_t f;
-    (void)clock_gettime(CLOCK_MONOTONIC, &from);
     int good = open_filters(&f, a, error);
     open_performance(r, a, f.topology.estimators);
     good = good && run(a, &f, r, error);
@@ -199,8 +198,7 @@ int mk_analyse(const mk_analysis_t *a, mk_performance_t *r, mk_error_t *error) {
     r->steady = good && mk_stands_still(r->msd, r->horizon) && mk_stands_still(r->central_msd, r->horizon);
     r->central_theta = a->model->theta[r->steady_step];
     for (int i = 0; i < a->model->n; i++) r->central_trace_V += a->model->V[r->steady_step * MK_PACKED(a->model->n) + MK_PACKED(i + 1) - 1];
-    (void)clock_gettime(CLOCK_MONOTONIC, &to);
-    r->seconds = (double)(to.tv_sec - from.tv_sec) + 1e-9 * (double)(to.tv_nsec - from.tv_nsec);
+    r->seconds = mk_seconds() - from;
     if (!good) mk_performance_free(r);
     return good;
 }
