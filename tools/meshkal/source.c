@@ -173,13 +173,14 @@ static void draw_readings(mk_stream_t *stream, int run, int t) {
 static void draw_adversary(mk_stream_t *stream, int run, int t) {
     const mk_least_favourable_t *worst = &stream->source->worst;
     const int n = worst->n;
-    const size_t square = (size_t)t * (size_t)(n * n), packed = (size_t)t * (size_t)MK_PACKED(n);
+    const size_t square = (size_t)t * (size_t)(n * n);
     mk_random_t random;
     memset(stream->g, 0, 3 * (size_t)n * sizeof *stream->g); /* g, bias, next */
     add_product(n, n, worst->Ag + square, stream->e, stream->next);
     add_product(n, n, worst->N + square, stream->next, stream->g);
     mk_random_start(&random, stream->source->seed, (uint32_t)run, 0, (uint32_t)t, MK_DRAW_ADVERSARY);
-    add_normal(&random, n, worst->root_N + packed, stream->g);
+    for (int i = 0; i < n; i++) stream->next[i] = mk_random_normal(&random);
+    add_product(n, n, worst->root_N + square, stream->next, stream->g);
     add_product(n, n, worst->MA + square, stream->g, stream->bias);
 }
 
