@@ -22,10 +22,11 @@ def main(arguments: list[str] | None = None) -> int:
     seeds = range(options.first_seed, options.first_seed + options.draws)
     started = time.monotonic()
     try:
-        options.out.mkdir(parents=True, exist_ok=True)
         if not options.report_only:
+            program = Program(options.meshkal)
+            options.out.mkdir(parents=True, exist_ok=True)
             print(f"{len(seeds)} random draws, seeds {seeds[0]} to {seeds[-1]}, {options.jobs} at a time", flush=True)
-            paper.compute(Program(options.meshkal), options.out, seeds, options.jobs)
+            paper.compute(program, options.out, seeds, options.jobs)
         status = paper.report(options.out, seeds)
     except (ReproduceError, OSError) as error:
         print(f"reproduce: {error}", file=sys.stderr)

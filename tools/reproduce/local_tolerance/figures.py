@@ -15,7 +15,6 @@ from matplotlib.cm import ScalarMappable  # noqa: E402
 from matplotlib.collections import LineCollection  # noqa: E402
 from matplotlib.colors import ListedColormap, Normalize  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
-from matplotlib.ticker import MultipleLocator  # noqa: E402
 
 from . import published  # noqa: E402
 from .draws import FILTERS, Draw  # noqa: E402
@@ -152,7 +151,8 @@ def theta(draw: Draw) -> Figure:
         for k, degree in enumerate(degrees):
             axes.plot(values[:, k], color=_SCALE(colours(degree)), linewidth=1.0)
         axes.set(xlabel=_STEP, title=f"{_LABEL[name]}, mean {draw.least_favourable[name].mean_theta:.3f}", xlim=(0, len(values) - 1), ylim=(0.0, None))
-        axes.xaxis.set_major_locator(MultipleLocator(50, offset=50))
+        # The ends of neighbouring panels would overlap.
+        axes.set_xticks(np.arange(50, len(values) - 1, 50))
     panels[0].set_ylabel("risk sensitivity \N{GREEK SMALL LETTER THETA}$_k$(t)")
     figure.colorbar(ScalarMappable(colours, _SCALE), ax=panels, label="neighbours, itself included")
     return figure
@@ -215,7 +215,8 @@ def spread(draws: list[Draw]) -> Figure:
         axes.grid(visible=False, axis="x")
     handles, labels = level.get_legend_handles_labels()
     unique = dict(zip(labels, handles))
-    figure.legend(unique.values(), unique.keys(), ncols=4, loc="outside lower center", fontsize=10, columnspacing=1.2, handletextpad=0.5)
+    order = [label for label in ("a random draw", "their median", "published", "another reproduction, 30 draws") if label in unique]
+    figure.legend([unique[label] for label in order], order, ncols=4, loc="outside lower center", fontsize=10, columnspacing=1.2, handletextpad=0.5)
     return figure
 
 

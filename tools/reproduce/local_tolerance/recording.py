@@ -32,7 +32,9 @@ def write(path: Path, draws: list[Draw], table: str) -> None:
         rec.send_recording_name(f"Local tolerances: seed {draw.seed} of {len(draws)} draws")
         rec.log("table", rr.TextDocument(table, media_type="text/markdown"), static=True)
         for name in FILTERS:
-            _series(rec, draw, f"msd/{name}", decibels(draw.least_favourable[name].msd), name.upper(), _packed(ON_DARK[name]), 2.0)
+            # Wide under narrow: both show where they agree.
+            width = 5.0 if name == "rkfdnu" else 2.0
+            _series(rec, draw, f"msd/{name}", decibels(draw.least_favourable[name].msd), name.upper(), _packed(ON_DARK[name]), width)
         transient = decibels(draw.least_favourable["rkfdnu2"].msd) - decibels(draw.least_favourable["rkfdnu"].msd)
         _series(rec, draw, "transient", transient, "RKFDNU2 - RKFDNU", _packed(ON_DARK["rkfdnu2"]), 2.0)
         tones = colours.scale_colours(np.arange(len(draw.densities), dtype=float), 0.0, len(draw.densities) - 1.0)
@@ -76,7 +78,7 @@ def _map(rec: rr.RecordingStream, draw: Draw, name: str, low: float, high: float
     values = decibels(draw.least_favourable[name].node_msd)
     edges = [place[list(edge)] for edge in draw.scenario["edges"]]
     rec.log(f"network/{name}/edges", rr.LineStrips2D(edges, colors=colours.LINK, radii=0.6), static=True)
-    labels = [f"{k}: {value:.2f} dB" for k, value in enumerate(values)]
+    labels = [f"{k}: {value:.1f}" for k, value in enumerate(values)]
     points = rr.Points2D(place, radii=_NODE_RADIUS_M, colors=colours.scale_colours(values, low, high), labels=labels, show_labels=True)
     rec.log(f"network/{name}/nodes", points, static=True)
 
@@ -87,7 +89,7 @@ def _blueprint(draw: Draw, low: float, high: float) -> rrb.Blueprint:
         return rrb.TimeSeriesView(origin=origin, name=name, contents=contents or ["$origin/**"], plot_legend=corner)
 
     def network(name: str) -> rrb.Spatial2DView:
-        title = f"{name.upper()}: steady MSD from {low:.1f} dB (blue) to {high:.1f} dB (red)"
+        title = f"{name.upper()}: steady MSD at each node, dB, from {low:.1f} (blue) to {high:.1f} (red)"
         return rrb.Spatial2DView(origin=f"network/{name}", name=title)
 
     model = f"least favourable model, c = {draw.tolerance:g}"

@@ -90,9 +90,9 @@ def _better_off(draw: Draw) -> float:
 
 
 def markdown(rows: list[Row], outcomes: list[Outcome], draws: list[Draw], errors: dict[int, str]) -> str:
-    parts = [f"# {len(draws)} random draws of the published experiment\n"]
+    parts = [f"# {_count(draws, 'random draw')} of the published experiment\n"]
     if errors:
-        parts.append(f"**{len(errors)} draws could not be computed and are in none of the numbers below:**\n")
+        parts.append(f"**{_count(errors, 'draw')} could not be computed, in none of the numbers below:**\n")
         parts.append("".join(f"- seed {seed}: {message}\n" for seed, message in errors.items()))
     if not draws:
         return "\n".join(parts)
@@ -107,6 +107,10 @@ def markdown(rows: list[Row], outcomes: list[Outcome], draws: list[Draw], errors
     must = [o for o in outcomes if o.property.kind == MUST]
     parts.append(f"{len(must) - broken} of {len(must)} properties that must hold do, on every draw.\n")
     return "\n".join(parts)
+
+
+def _count(things: list | dict, name: str) -> str:
+    return f"{len(things)} {name}" + ("" if len(things) == 1 else "s")
 
 
 def _outcome_cells(outcome: Outcome) -> list[str]:
