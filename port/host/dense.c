@@ -10,14 +10,41 @@
 
 static double *doubles(int count) { return mk_allocate((size_t)count, sizeof(double)); }
 
-static void unpack(int n, const double *S, double *full) {
+void mk_unpack(int n, const double *S, double *full) {
     for (int i = 0; i < n; i++)
         for (int j = 0; j <= i; j++) full[i * n + j] = full[j * n + i] = S[i * (i + 1) / 2 + j];
 }
 
+void mk_multiply(int n, const double *A, const double *B, double *C) {
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++) {
+            double sum = 0.0;
+            for (int k = 0; k < n; k++) sum += A[i * n + k] * B[k * n + j];
+            C[i * n + j] = sum;
+        }
+}
+
+void mk_multiply_transposed(int n, const double *A, const double *B, double *C) {
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++) {
+            double sum = 0.0;
+            for (int k = 0; k < n; k++) sum += A[i * n + k] * B[j * n + k];
+            C[i * n + j] = sum;
+        }
+}
+
+void mk_multiply_left_transposed(int n, const double *A, const double *B, double *C) {
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++) {
+            double sum = 0.0;
+            for (int k = 0; k < n; k++) sum += A[k * n + i] * B[k * n + j];
+            C[i * n + j] = sum;
+        }
+}
+
 int mk_eigen_symmetric(int n, const double *S, double *values, double *vectors) {
     double *full = vectors ? vectors : doubles(n * n);
-    unpack(n, S, full);
+    mk_unpack(n, S, full);
     /* Column order: the columns of the result are the rows of `vectors`. */
     const lapack_int info = LAPACKE_dsyev(LAPACK_COL_MAJOR, vectors ? 'V' : 'N', 'L', n, full, n, values);
     if (!vectors) free(full);
@@ -26,8 +53,8 @@ int mk_eigen_symmetric(int n, const double *S, double *values, double *vectors) 
 
 int mk_eigen_generalised(int n, const double *S, const double *B, double *values) {
     double *full = doubles(2 * n * n);
-    unpack(n, S, full);
-    unpack(n, B, full + n * n);
+    mk_unpack(n, S, full);
+    mk_unpack(n, B, full + n * n);
     const lapack_int info = LAPACKE_dsygv(LAPACK_COL_MAJOR, 1, 'N', 'L', n, full, n, full + n * n, n, values);
     free(full);
     return info == 0;
@@ -59,7 +86,7 @@ static double norm(int count, const double *values) {
 
 int mk_unobservable(int n, const double *A, const double *G) {
     double *basis = doubles(n * n), *image = doubles(n * n), *inner = doubles(n * n), *next = doubles(n * n), *along = doubles(n);
-    unpack(n, G, image);
+    mk_unpack(n, G, image);
     int count = null_space(n, n, image, norm(n * n, image), basis);
     /* Shrink the null space to the part that A maps into it, until A maps all of it into itself. */
     while (count > 0) {

@@ -3,6 +3,14 @@
 #ifndef MESHKAL_HOST_DENSE_H
 #define MESHKAL_HOST_DENSE_H
 
+/* S as a full n x n matrix. */
+void mk_unpack(int n, const double *S, double *full);
+
+/* C = A B, A B' and A' B, all n x n; C is neither A nor B. */
+void mk_multiply(int n, const double *A, const double *B, double *C);
+void mk_multiply_transposed(int n, const double *A, const double *B, double *C);
+void mk_multiply_left_transposed(int n, const double *A, const double *B, double *C);
+
 /* Eigenvalues of S, ascending, and, where vectors is not null, eigenvectors as its rows (n x n). 1, or 0 if LAPACK gives up. */
 int mk_eigen_symmetric(int n, const double *S, double *values, double *vectors);
 

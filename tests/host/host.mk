@@ -16,8 +16,8 @@ HOST_SANE := $(BUILD)/test-host-sanitize
 HOST_TEST_LIBS := -pthread -lcmocka -llapacke -ljansson -lcbor -lsodium -lm
 SANITIZE ?= -O1 -fsanitize=address,undefined -fno-sanitize-recover=all
 
-# Objects of port/host and the library, plain and sanitized.
-HOST_PORT := $(patsubst %.c,%.o,$(wildcard port/host/*.c))
+# Objects of port/host, of the program without its main, and the library, plain and sanitized.
+HOST_PORT := $(patsubst %.c,%.o,$(filter-out %/main.c,$(wildcard port/host/*.c tools/meshkal/*.c)))
 HOST_PARTS := $(HOST_PORT:%=$(BUILD)/%) $(LIBRARY)
 HOST_SANE_PARTS := $(HOST_PORT:%=$(BUILD)/sanitize/%) $(BUILD)/sanitize/libmeshkal.a
 
@@ -28,14 +28,14 @@ host-sanitize:
 $(BUILD)/sanitize/meshkal $(HOST_SANE_PARTS): host-sanitize
 	@true
 
-# --- test_host and test_dense ----------------------------------------------------------------------------------------------
+# --- tests of C functions --------------------------------------------------------------------------------------------------
 
-$(HOST_PLAIN)/test_%: $(HOST_TEST)/test_%.c $(HOST_PARTS) $(wildcard port/host/*.h)
+$(HOST_PLAIN)/test_%: $(HOST_TEST)/test_%.c $(HOST_PARTS) $(wildcard port/host/*.h tools/meshkal/*.h)
 	@mkdir -p $(@D)
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $(HOST_INCLUDE) $< $(HOST_PARTS) $(HOST_TEST_LIBS) -o $@
 
-$(HOST_SANE)/test_%: $(HOST_TEST)/test_%.c $(HOST_SANE_PARTS) $(wildcard port/host/*.h)
+$(HOST_SANE)/test_%: $(HOST_TEST)/test_%.c $(HOST_SANE_PARTS) $(wildcard port/host/*.h tools/meshkal/*.h)
 	@mkdir -p $(@D)
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $(SANITIZE) $(HOST_INCLUDE) $< $(HOST_SANE_PARTS) $(HOST_TEST_LIBS) -o $@
@@ -87,7 +87,8 @@ $(HOST_NETWORKS:%=$(HOST_PLAIN)/header-%-shared): $(HOST_PLAIN)/header-%-shared:
 
 # --- run -------------------------------------------------------------------------------------------------------------------
 
-HOST_TEST_PROGRAMS := $(foreach d,$(HOST_PLAIN) $(HOST_SANE),$(d)/test_host $(d)/test_dense $(HOST_NETWORKS:%=$(d)/header-%-shared)) \
+HOST_C_TESTS := $(patsubst $(HOST_TEST)/%.c,%,$(filter-out %/test_header.c,$(wildcard $(HOST_TEST)/test_*.c)))
+HOST_TEST_PROGRAMS := $(foreach d,$(HOST_PLAIN) $(HOST_SANE),$(HOST_C_TESTS:%=$(d)/%) $(HOST_NETWORKS:%=$(d)/header-%-shared)) \
   $(HOST_NETWORKS:%=$(HOST_PLAIN)/header-%-unrolled)
 
 .PHONY: test-host-c

@@ -28,15 +28,6 @@ typedef struct {
     lapack_int *pivot;
 } game_t;
 
-static void multiply(int n, const double *A, const double *B, double *C) {
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++) {
-            double sum = 0.0;
-            for (int k = 0; k < n; k++) sum += A[i * n + k] * B[k * n + j];
-            C[i * n + j] = sum;
-        }
-}
-
 /* C := A' B or A B', made symmetric, plus C. */
 static void add_congruence(int n, const double *A, const double *B, int left, double *C) {
     for (int i = 0; i < n; i++)
@@ -59,7 +50,7 @@ static int has_minimum(const game_t *g, const double *G, const double *H) {
     if (!mk_eigen_symmetric(n, packed, values, F)) return 0;
     for (int k = 0; k < n; k++)
         for (int i = 0; i < n; i++) F[k * n + i] *= values[k] > 0.0 ? sqrt(values[k]) : 0.0; /* row k: column k of F */
-    multiply(n, F, H, T);
+    mk_multiply(n, F, H, T);
     for (int i = 0; i < n; i++)
         for (int j = 0; j <= i; j++) {
             double sum = i == j;
@@ -74,7 +65,7 @@ static int compose(const game_t *g, block_t *first, const block_t *second) {
     const int n = g->n;
     if (!has_minimum(g, first->G, second->H)) return 0;
     double *E = g->scratch, *G = E + n * n, *T = G + n * n;
-    multiply(n, first->G, second->H, g->system);
+    mk_multiply(n, first->G, second->H, g->system);
     for (int i = 0; i < n; i++) {
         g->system[i * n + i] += 1.0;
         memcpy(g->right + i * 2 * n, first->E + i * n, (size_t)n * sizeof *E);
@@ -85,12 +76,12 @@ static int compose(const game_t *g, block_t *first, const block_t *second) {
         memcpy(E + i * n, g->right + i * 2 * n, (size_t)n * sizeof *E);
         memcpy(G + i * n, g->right + i * 2 * n + n, (size_t)n * sizeof *E);
     }
-    multiply(n, second->H, E, T);
+    mk_multiply(n, second->H, E, T);
     add_congruence(n, first->E, T, 1, first->H);
-    multiply(n, second->E, G, T);
+    mk_multiply(n, second->E, G, T);
     memcpy(first->G, second->G, (size_t)(n * n) * sizeof *T);
     add_congruence(n, T, second->E, 0, first->G);
-    multiply(n, second->E, E, T);
+    mk_multiply(n, second->E, E, T);
     memcpy(first->E, T, (size_t)(n * n) * sizeof *T);
     return 1;
 }

@@ -8,11 +8,6 @@
 #include <time.h>
 
 #include "commands.h"
-#include "design.h"
-
-const mk_filter_t mk_filters[MK_FILTERS] = {
-    {"kfc", 1, MK_TOLERANCE_ZERO},     {"rkfc", 1, MK_TOLERANCE_GLOBAL},      {"kfd", 0, MK_TOLERANCE_ZERO},
-    {"rkfdu", 0, MK_TOLERANCE_GLOBAL}, {"rkfdnu", 0, MK_TOLERANCE_SCHEDULE}, {"rkfdnu2", 0, MK_TOLERANCE_STEADY}};
 
 static volatile sig_atomic_t stop_now;
 
@@ -221,23 +216,6 @@ static void finish(mk_running_t *r) {
     result->nis_ratio /= r->steady_steps;
 }
 
-/* Tolerances of the filter's mode. */
-static int make_tolerances(mk_running_t *r, mk_error_t *error) {
-    const mk_campaign_t *c = r->c;
-    const mk_scenario_t *s = c->scenario;
-    for (int e = 0; e < r->topology.estimators; e++) r->tolerance[e] = c->filter->mode == MK_TOLERANCE_GLOBAL ? c->tolerance : 0.0;
-    if (c->filter->mode == MK_TOLERANCE_SCHEDULE) {
-        r->schedule = mk_design_schedule(s, c->tolerance, c->steps, error);
-        return r->schedule != NULL;
-    }
-    if (c->filter->mode != MK_TOLERANCE_STEADY) return 1;
-    mk_design_t design;
-    if (!mk_design_make(&design, s, c->tolerance, error)) return 0;
-    memcpy(r->tolerance, design.local, (size_t)s->nodes * sizeof *r->tolerance);
-    mk_design_free(&design);
-    return 1;
-}
-
 /* The work and its log, once everything that can be refused is known to be good. */
 static int run_logged(mk_running_t *r, mk_error_t *error) {
     const mk_campaign_t *c = r->c;
@@ -292,7 +270,7 @@ int mk_campaign_run(const mk_campaign_t *c, mk_source_t *source, mk_result_t *re
     r.saved = mk_allocate(2 * steps + E + 2 * n + 4, sizeof *r.saved);
     r.snapshot = mk_snapshot_make(c->network, (int)E, s);
     int status = MK_EXIT_INPUT;
-    if (make_tolerances(&r, error)) {
+    if (mk_filter_tolerances(c->filter, s, c->tolerance, c->steps, r.tolerance, &r.schedule, error)) {
         r.net = c->network->open(s, &r.topology, r.tolerance);
         status = run_logged(&r, error);
         c->network->close(r.net);

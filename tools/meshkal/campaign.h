@@ -3,20 +3,10 @@
 #ifndef MESHKAL_CAMPAIGN_H
 #define MESHKAL_CAMPAIGN_H
 
+#include "filter.h"
 #include "network.h"
 #include "run_log.h"
 #include "source.h"
-
-typedef enum { MK_TOLERANCE_ZERO, MK_TOLERANCE_GLOBAL, MK_TOLERANCE_SCHEDULE, MK_TOLERANCE_STEADY } mk_tolerance_mode_t;
-
-typedef struct {
-    const char *name;
-    int central;
-    mk_tolerance_mode_t mode;
-} mk_filter_t;
-
-#define MK_FILTERS 6
-extern const mk_filter_t mk_filters[MK_FILTERS];
 
 typedef struct {
     const mk_scenario_t *scenario;

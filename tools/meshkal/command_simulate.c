@@ -120,12 +120,7 @@ static int set_campaign(mk_campaign_t *c, const arguments_t *a, const mk_scenari
     else if (a->real && strcmp(a->real, "float64") != 0) return mk_fail(error, "--real %s: must be float32 or float64", a->real);
     if (a->truth && !a->measurements) return mk_fail(error, "--truth goes with --measurements");
     if (a->measurements && c->runs != 1) return mk_fail(error, "--runs: recorded measurements can be run once only");
-    c->filter = NULL;
-    const char *name = a->filter ? a->filter : "rkfdnu2";
-    for (int i = 0; i < MK_FILTERS; i++)
-        if (strcmp(mk_filters[i].name, name) == 0) c->filter = &mk_filters[i];
-    if (!c->filter && strcmp(name, "all") != 0)
-        return mk_fail(error, "--filter %s: must be kfc, rkfc, kfd, rkfdu, rkfdnu, rkfdnu2 or all", name);
+    if (!mk_filter_find(a->filter ? a->filter : "rkfdnu2", &c->filter, error)) return 0;
     if (!c->filter && a->out) return mk_fail(error, "--out: a log holds one filter; choose one with --filter");
     if (s->nodes > UINT16_MAX && (!c->filter || c->filter->central))
         return mk_fail(error, "a centralised filter takes at most %d nodes, not %d", UINT16_MAX, s->nodes);

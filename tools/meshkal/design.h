@@ -22,6 +22,9 @@ void mk_recursion_open(mk_recursion_t *recursion, const mk_scenario_t *scenario,
 void mk_recursion_close(mk_recursion_t *recursion);
 /* S += information of one sensor, C' R^-1 C. */
 void mk_recursion_add(mk_recursion_t *recursion, const mk_sensor_t *sensor);
+/* With M = (W + S)^-1 of the step that mk_recursion_step takes next: MA = M A' and A - A M S, the error's own map (n x n), the latter as
+   A M W, without the difference. scratch: 3 packed matrices and two of n x n. */
+void mk_recursion_gain(const mk_recursion_t *recursion, double *MA, double *map, double *scratch);
 /* P, theta and W of the next step. 1, or 0: a matrix is not positive definite or theta has no root. */
 int mk_recursion_step(mk_recursion_t *recursion);
 /* Steps until P stands still to rounding. 1, or 0 if it does not within `limit` steps, or fails. */

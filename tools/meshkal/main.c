@@ -29,6 +29,16 @@ static const char help[] =
     "    --out FILE           log of the run, CBOR; - is standard output\n"
     "    --json FILE          summary for programs\n"
     "\n"
+    "meshkal analyze SCENARIO.json [options]     error of every filter when the model errs as badly as c allows, by covariances\n"
+    "    --filter F           kfc rkfc kfd rkfdu rkfdnu rkfdnu2 (default rkfdnu2), or all\n"
+    "    --truth least-favourable|nominal         (default least-favourable)\n"
+    "    --horizon T          the model exists for t = 0 .. T; steady values are those at T / 2 (default 200)\n"
+    "    --tolerance C        instead of the scenario's\n"
+    "    --per-step           also tolerances and theta of every step, into the JSON file\n"
+    "    --node K             also covariances of node K's error with its neighbours' and RKFC's, into the JSON file\n"
+    "    --threads N          (default: all cores; the numbers do not depend on it)\n"
+    "    --json FILE          results for programs\n"
+    "\n"
     "meshkal scenario projectile [options]       a random draw of the published example, to standard output\n"
     "    --nodes N --seed S   (default 20 nodes, seed 1)\n"
     "    --density D          mean number of neighbours, the node itself included (default 5)\n"
@@ -45,6 +55,7 @@ static int run(int argc, char **argv) {
     }
     if (strcmp(name, "design") == 0) return mk_command_design(argc - 1, argv + 1);
     if (strcmp(name, "simulate") == 0) return mk_command_simulate(argc - 1, argv + 1);
+    if (strcmp(name, "analyze") == 0) return mk_command_analyze(argc - 1, argv + 1);
     if (strcmp(name, "scenario") == 0) return mk_command_scenario(argc - 1, argv + 1);
     if (strcmp(name, "--version") == 0) {
         (void)puts("meshkal " MK_VERSION);

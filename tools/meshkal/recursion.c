@@ -4,6 +4,7 @@
 #include <meshkal/kernels.h>
 #include <stdlib.h>
 
+#include "dense.h"
 #include "design.h"
 #include "sized.h"
 
@@ -39,6 +40,18 @@ void mk_recursion_close(mk_recursion_t *r) { free(r->S); }
 void mk_recursion_add(mk_recursion_t *r, const mk_sensor_t *sensor) {
     mk_sensor_matrices(r->n, sensor, NULL, r->work, NULL);
     for (size_t i = 0; i < packed(r->n); i++) r->S[i] += r->work[i];
+}
+
+void mk_recursion_gain(const mk_recursion_t *r, double *MA, double *map, double *scratch) {
+    const int n = r->n;
+    double *Y = scratch, *K = Y + packed(n), *M = K + packed(n), *full = M + packed(n), *T = full + n * n;
+    for (size_t i = 0; i < packed(n); i++) Y[i] = r->W[i] + r->S[i];
+    (void)mk_sized_inverse(n, Y, K, M); /* the step finds out whether Y is positive definite */
+    mk_unpack(n, M, full);
+    mk_multiply_transposed(n, full, r->A, MA);
+    mk_multiply_transposed(n, r->A, full, T);
+    mk_unpack(n, r->W, full);
+    mk_multiply(n, T, full, map);
 }
 
 int mk_recursion_step(mk_recursion_t *r) {

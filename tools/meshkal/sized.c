@@ -49,3 +49,12 @@ mk_status_t mk_sized_information(int n, const double *P, double c, double *Z, do
     default: return mk_robust_information_f64(n, P, c, Z, theta, &iterations, work);
     }
 }
+
+int mk_sized_inverse(int n, double *S, double *K, double *Z) {
+    switch (n) {
+    case 2: return mk_inverse_f64(2, S, K, Z);
+    case 4: return mk_inverse_f64(4, S, K, Z);
+    case 6: return mk_inverse_f64(6, S, K, Z);
+    default: return mk_inverse_f64(n, S, K, Z);
+    }
+}

@@ -13,4 +13,7 @@ mk_status_t mk_sized_incremental_f64(int n, int m, int slots, const mk_rkfd_view
 mk_status_t mk_sized_predict(int n, const double *A, const double *Q, double *Y, double *X, double *P);
 mk_status_t mk_sized_information(int n, const double *P, double c, double *Z, double *theta, double *work);
 
+/* mk_inverse of the kernels: Z := S^-1, S and K (packed) spoilt. 1, or 0: S is not positive definite. */
+int mk_sized_inverse(int n, double *S, double *K, double *Z);
+
 #endif
