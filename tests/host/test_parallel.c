@@ -58,11 +58,11 @@ static void every_index_once(void **unused) {
 static void meet(void *context, int worker, long index) {
     job_t *job = context;
     const struct timespec pause = {0, 1000000};
-    (void)worker;
     (void)index;
     for (int i = 0; i < 10000; i++) {
         (void)pthread_mutex_lock(&job->lock);
         job->meeting += i == 0;
+        job->busy[worker] += i == 0;
         job->met |= job->meeting == job->threads;
         const int met = job->met;
         (void)pthread_mutex_unlock(&job->lock);
@@ -78,6 +78,7 @@ static void all_at_once(void **unused) {
         open(&job, threads, threads);
         mk_parallel(threads, threads, meet, &job);
         assert_true(job.met);
+        for (int i = 0; i < threads; i++) assert_int_equal(job.busy[i], 1); /* each with its own number */
     }
     assert_true(mk_cores() >= 1);
 }
