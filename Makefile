@@ -22,7 +22,7 @@ HOST_SOURCES = $(wildcard port/host/*.c tools/meshkal/*.c)
 HOST_OBJECTS = $(HOST_SOURCES:%.c=$(BUILD)/%.o)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup all run test bench install uninstall clean
+.PHONY: help setup all mpi run reproduce test bench install uninstall clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -67,7 +67,16 @@ $(PROGRAM): $(HOST_OBJECTS) $(LIBRARY)
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $^ $(HOST_LIBS) -o $@
 
--include $(HOST_OBJECTS:.o=.d) $(BUILD)/src/meshkal/meshkal.d
+# The same program for many processes. The wrapper of Open MPI knows where its headers and libraries are.
+MPI_PROGRAM = $(BUILD)/meshkal-mpi
+MPI_OBJECTS = $(patsubst %.c,$(BUILD)/%.o,$(wildcard tools/meshkal-mpi/*.c))
+$(MPI_OBJECTS): CC := OMPI_CC=$(CC) mpicc
+mpi: $(MPI_PROGRAM) ## build/meshkal-mpi: simulate on many processes (Open MPI)
+$(MPI_PROGRAM): $(MPI_OBJECTS) $(filter-out %/main.o,$(HOST_OBJECTS)) $(LIBRARY)
+	@echo "  LD $@"
+	@OMPI_CC=$(CC) mpicc $(CFLAGS) $^ -lmetis $(HOST_LIBS) -o $@
+
+-include $(MPI_OBJECTS:.o=.d) $(HOST_OBJECTS:.o=.d) $(BUILD)/src/meshkal/meshkal.d
 
 # --- run -------------------------------------------------------------------------------------------------------------------
 
@@ -86,6 +95,11 @@ run: all ## design, simulate and record the published example, and the study on 
 	@$(PROGRAM) simulate $(RUN)/projectile.json --filter all --runs 200 --json $(RUN)/summary.json
 	@echo && echo "Open the recording: .venv/bin/rerun $(RUN)/run.rrd   (log: $(RUN)/run.cbor)"
 
+DRAWS = 30
+
+reproduce: all ## the published experiment over 30 random draws (DRAWS=N): table, figures and recording in build/reproduce/
+	@$(PYTHON) tools/reproduce --meshkal $(PROGRAM) --out $(BUILD)/reproduce --draws $(DRAWS)
+
 # --- test and bench --------------------------------------------------------------------------------------------------------
 
 SANITIZE = -O1 -fsanitize=address,undefined -fno-sanitize-recover=all
@@ -96,7 +110,7 @@ test: all ## all tests, plain and under ASan and UBSan; last line: N passed, N f
 	@$(MAKE) -s --no-print-directory BUILD=$(BUILD)/sanitize OPTIMISE="$(SANITIZE)" all
 	@$(MAKE) -s --no-print-directory -j2 $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS)
 	@tests/run.sh $(BUILD) \
-	  py:pytest:$(PROGRAM):tests/reference,tests/host,tests/lab,tests/rerun \
+	  py:pytest:$(PROGRAM):tests/reference,tests/host,tests/lab,tests/rerun,tests/reproduce \
 	  py:pytest-sanitized:$(BUILD)/sanitize/meshkal:tests/reference,tests/host \
 	  $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) sh:tests/package/package.sh
 

@@ -203,23 +203,26 @@ int mk_analyse(const mk_analysis_t *a, mk_performance_t *r, mk_error_t *error) {
     return good;
 }
 
-/* Largest change against `at` within h steps from it, in the direction of `step`. */
-static double change(const double *values, int at, int step, int h) {
-    double most = 0.0;
-    for (int i = 1; i <= h; i++) most = fmax(most, fabs(values[at + step * i] - values[at]));
-    return most;
+/* Range of the values from a to b, either way round. */
+static double range(const double *values, int a, int b) {
+    double least = values[a], most = least;
+    for (int i = a < b ? a : b; i <= (a < b ? b : a); i++) {
+        least = fmin(least, values[i]);
+        most = fmax(most, values[i]);
+    }
+    return most - least;
 }
 
 int mk_stands_still(const double *values, int horizon) {
     const int middle = horizon / 2, h = horizon / 10;
-    /* Two windows on each side. */
-    if (h < 1 || middle < 2 * h) return 0;
-    const double limit = 1e-3 * fabs(values[middle]);
-    for (int step = -1; step <= 1; step += 2) {
-        const double near = change(values, middle, step, h), far = change(values, middle + step * h, step, h);
-        if (!(near < limit)) return 0;
-        /* Geometric: near = far q, to come near (q + q^2 + ..). */
-        if (near > 1e-3 * limit && !(near < far && near * near / (far - near) < limit)) return 0;
+    const double value = fabs(values[middle]), limit = (pow(10.0, 0.005) - 1.0) * value;
+    if (h < 1) return 0;
+    for (int way = -h; way <= h; way += 2 * h) {
+        const double near = range(values, middle, middle + way), far = range(values, middle + 3 * way, middle + 4 * way);
+        if (near <= 1e-9 * value) continue;
+        /* far q^3 = near; what is to come: near (q + q^2 + ..) */
+        const double q = cbrt(near / far);
+        if (!(near < limit && q < 1.0 && near * q / (1.0 - q) < limit)) return 0;
     }
     return 1;
 }

@@ -1,21 +1,19 @@
 """The command: reads a log from a file or standard input and writes an .rrd file, whole or not at all."""
 
 import argparse
-import os
 import signal
 import sys
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
 import rerun as rr
-from rerun.chunk import RrdReader
 
 from .blueprint import blueprint
+from .output import recording_file
 from .reader import LogError, LogReader
-from .recording import APPLICATION_ID, Recorder, recording_id
+from .recording import Recorder, recording_id
 from .scenario import parse_scenario
 
 PROGRAM = "meshkal-rerun"
@@ -51,41 +49,14 @@ def convert(stream: BinaryIO, output: Path, run: int) -> list[str]:
     first = next(batches, None)
     if first is None:
         raise LogError(f"the log has no step of run {run}")
-    if output.is_dir():
-        raise IsADirectoryError(f"{output} is a directory")
-    rec = rr.RecordingStream(APPLICATION_ID, recording_id=recording_id(reader.header, run))
-    if not rec.is_enabled():
-        raise OSError("rerun is switched off by the environment variable RERUN")
-    # In the same directory, so that the rename is one step of the file system.
-    temporary = output.with_name(f".{output.name}.{os.getpid()}.tmp")
-    # Where the file cannot be made, Python says so more clearly than rerun.
-    temporary.touch()
-    try:
-        rec.save(temporary, default_blueprint=blueprint(reader.header, scenario, first))
-        try:
-            recorder = Recorder(rec, reader.header, scenario, run)
-            recorder.batch(first)
-            del first
-            for batch in batches:
-                recorder.batch(batch)
-            recorder.finish(reader.end)
-        finally:
-            rec.disconnect()
-        _check_whole(temporary)
-        os.replace(temporary, output)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with recording_file(output, recording_id(reader.header, run), blueprint(reader.header, scenario, first)) as rec:
+        recorder = Recorder(rec, reader.header, scenario, run)
+        recorder.batch(first)
+        del first
+        for batch in batches:
+            recorder.batch(batch)
+        recorder.finish(reader.end)
     return reader.warnings
-
-
-def _check_whole(path: Path) -> None:
-    """rerun writes in a thread of its own, which only prints that a disk is full. The footer, written last, tells a whole file."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            RrdReader(path).recordings()
-    except Exception:
-        raise OSError("the recording could not be written whole (is the disk full?)") from None
 
 
 def _options(arguments: list[str] | None) -> argparse.Namespace:

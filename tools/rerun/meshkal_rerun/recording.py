@@ -12,7 +12,6 @@ from .scenario import Scenario
 from .scene import Scene
 from .summary import Summary
 
-APPLICATION_ID = "meshkal"
 _LARGEST_NS = (1 << 63) - 1
 
 # The bits of meshkal/rkfd.h.

@@ -1,0 +1,47 @@
+"""Writes an .rrd file whole or not at all."""
+
+import os
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.chunk import RrdReader
+
+APPLICATION_ID = "meshkal"
+
+
+@contextmanager
+def recording_file(output: Path, recording_id: str, blueprint: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
+    """A stream to log into. `output` is there when the block ends without an exception, and is as it was otherwise. Raises OSError."""
+    if output.is_dir():
+        raise IsADirectoryError(f"{output} is a directory")
+    rec = rr.RecordingStream(APPLICATION_ID, recording_id=recording_id)
+    if not rec.is_enabled():
+        raise OSError("rerun is switched off by the environment variable RERUN")
+    # In the same directory, so that the rename is one step of the file system.
+    temporary = output.with_name(f".{output.name}.{os.getpid()}.tmp")
+    # Where the file cannot be made, Python says so more clearly than rerun.
+    temporary.touch()
+    try:
+        rec.save(temporary, default_blueprint=blueprint)
+        try:
+            yield rec
+        finally:
+            rec.disconnect()
+        _check_whole(temporary)
+        os.replace(temporary, output)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _check_whole(path: Path) -> None:
+    """rerun writes in a thread of its own, which only prints that a disk is full. The footer, written last, tells a whole file."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            RrdReader(path).recordings()
+    except Exception:
+        raise OSError("the recording could not be written whole (is the disk full?)") from None
