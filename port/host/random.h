@@ -13,7 +13,7 @@ typedef struct {
     double spare;
 } mk_random_t;
 
-enum { MK_DRAW_INITIAL, MK_DRAW_PROCESS, MK_DRAW_MEASUREMENT, MK_DRAW_LOSS, MK_DRAW_NETWORK };
+enum { MK_DRAW_INITIAL, MK_DRAW_PROCESS, MK_DRAW_MEASUREMENT, MK_DRAW_LOSS, MK_DRAW_NETWORK, MK_DRAW_ADVERSARY };
 
 /* Starts a stream. owner: node number, or 0. */
 void mk_random_start(mk_random_t *random, uint64_t seed, uint32_t run, uint32_t owner, uint32_t step, int purpose);

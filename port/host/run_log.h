@@ -6,6 +6,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
+#include "cbor_out.h"
 #include "error.h"
 #include "scenario.h"
 
@@ -13,12 +14,11 @@ typedef struct {
     FILE *stream;
     int is_standard_output, failed;
     uint64_t items;
-    unsigned char *buffer;
-    size_t used, room;
+    mk_cbor_t out;
 } mk_run_log_t;
 
 typedef struct {
-    const char *filter, *real, *source;
+    const char *filter, *real, *source, *truth;
     uint64_t seed;
     int runs, steps, estimators;
     double loss;
@@ -34,6 +34,9 @@ void mk_log_reals(mk_run_log_t *log, const char *key, const void *values, size_t
 void mk_log_uint32(mk_run_log_t *log, const char *key, const uint32_t *values, size_t count);
 void mk_log_uint8(mk_run_log_t *log, const char *key, const uint8_t *values, size_t count);
 void mk_log_end(mk_run_log_t *log);
+/* A log that keeps its step items in out.buffer (free it) instead of writing them, and what puts them into another. */
+void mk_log_keep(mk_run_log_t *log);
+void mk_log_append(mk_run_log_t *log, const void *bytes, size_t length, uint64_t items);
 /* The end item, unless nothing was ever written, and the file closed. 1, or 0 and *error if any write failed. */
 int mk_log_close(mk_run_log_t *log, const char *how, mk_error_t *error);
 

@@ -168,21 +168,21 @@ int mk_admissible(mk_recursion_t *r, mk_admissible_t *result) {
     return good;
 }
 
-static int settles(const mk_scenario_t *s, double c) {
-    mk_recursion_t r;
-    mk_recursion_open(&r, s, c);
-    for (int k = 0; k < s->nodes; k++) mk_recursion_add(&r, &s->sensor[k]);
-    const int good = mk_recursion_settle(&r, 20000);
-    mk_recursion_close(&r);
+static int settles(mk_recursion_t *r, const mk_scenario_t *s, double c) {
+    mk_recursion_t trial;
+    mk_recursion_open(&trial, s, c);
+    memcpy(trial.S, r->S, (size_t)(r->n * (r->n + 1) / 2) * sizeof *r->S);
+    const int good = mk_recursion_settle(&trial, 20000);
+    mk_recursion_close(&trial);
     return good;
 }
 
-double mk_largest_settling(const mk_scenario_t *s, double limit) {
-    if (settles(s, limit)) return limit;
+double mk_largest_settling(mk_recursion_t *r, const mk_scenario_t *s, double limit) {
+    if (settles(r, s, limit)) return limit;
     double low = 0.0, high = limit;
     while (high > 1.01 * low && high > 1e-9) {
         const double middle = low > 0.0 ? sqrt(low * high) : 0.1 * high;
-        if (settles(s, middle)) low = middle;
+        if (settles(r, s, middle)) low = middle;
         else high = middle;
     }
     return low;

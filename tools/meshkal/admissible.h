@@ -17,8 +17,8 @@ typedef struct {
    the fixed point of the plain filter. 1, or 0 if that does not settle. */
 int mk_admissible(mk_recursion_t *recursion, mk_admissible_t *result);
 
-/* The largest c, up to `limit`, at which the recursion (started anew for each trial by `open`) settles, to one per cent; limit if
-   it settles there. */
-double mk_largest_settling(const mk_scenario_t *scenario, double limit);
+/* The largest c, up to `limit`, at which the recursion with this one's information, started anew from V = P0 for each trial, settles, to
+   one per cent; limit if it settles there. */
+double mk_largest_settling(mk_recursion_t *recursion, const mk_scenario_t *scenario, double limit);
 
 #endif

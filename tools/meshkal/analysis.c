@@ -4,11 +4,11 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "design.h"
 #include "error_covariance.h"
 #include "parallel.h"
+#include "process.h"
 
 /* Below this many estimators a step is shorter than the start of a thread. */
 #define WORTH_THREADS 48
@@ -40,7 +40,7 @@ static int open_filters(filters_t *f, const mk_analysis_t *a, mk_error_t *error)
     f->scratch = f->MA + E * square;
     f->failed = mk_allocate(E, sizeof *f->failed);
     f->recursion = mk_allocate(E, sizeof *f->recursion);
-    if (!mk_filter_tolerances(a->filter, s, a->tolerance, a->horizon + 1, f->fixed, &f->schedule, error)) return 0;
+    if (!mk_filter_tolerances(a->filter, s, a->tolerance, a->horizon + 1, &f->topology, a->threads, f->fixed, &f->schedule, error)) return 0;
     for (size_t e = 0; e < E; e++) {
         mk_recursion_open(&f->recursion[e], s, f->fixed[e]);
         for (int i = f->topology.first[e]; i < f->topology.first[e + 1]; i++) mk_recursion_add(&f->recursion[e], &s->sensor[f->topology.slot[i]]);
@@ -189,9 +189,8 @@ static int run(const mk_analysis_t *a, filters_t *f, mk_performance_t *r, mk_err
 }
 
 int mk_analyse(const mk_analysis_t *a, mk_performance_t *r, mk_error_t *error) {
-    struct timespec from, to;
+    const double from = mk_seconds();
     filters_t f;
-    (void)clock_gettime(CLOCK_MONOTONIC, &from);
     int good = open_filters(&f, a, error);
     open_performance(r, a, f.topology.estimators);
     good = good && run(a, &f, r, error);
@@ -199,29 +198,31 @@ int mk_analyse(const mk_analysis_t *a, mk_performance_t *r, mk_error_t *error) {
     r->steady = good && mk_stands_still(r->msd, r->horizon) && mk_stands_still(r->central_msd, r->horizon);
     r->central_theta = a->model->theta[r->steady_step];
     for (int i = 0; i < a->model->n; i++) r->central_trace_V += a->model->V[r->steady_step * MK_PACKED(a->model->n) + MK_PACKED(i + 1) - 1];
-    (void)clock_gettime(CLOCK_MONOTONIC, &to);
-    r->seconds = (double)(to.tv_sec - from.tv_sec) + 1e-9 * (double)(to.tv_nsec - from.tv_nsec);
+    r->seconds = mk_seconds() - from;
     if (!good) mk_performance_free(r);
     return good;
 }
 
-/* Largest change against `at` within h steps from it, in the direction of `step`. */
-static double change(const double *values, int at, int step, int h) {
-    double most = 0.0;
-    for (int i = 1; i <= h; i++) most = fmax(most, fabs(values[at + step * i] - values[at]));
-    return most;
+/* Range of the values from a to b, either way round. */
+static double range(const double *values, int a, int b) {
+    double least = values[a], most = least;
+    for (int i = a < b ? a : b; i <= (a < b ? b : a); i++) {
+        least = fmin(least, values[i]);
+        most = fmax(most, values[i]);
+    }
+    return most - least;
 }
 
 int mk_stands_still(const double *values, int horizon) {
     const int middle = horizon / 2, h = horizon / 10;
-    /* Two windows on each side. */
-    if (h < 1 || middle < 2 * h) return 0;
-    const double limit = 1e-3 * fabs(values[middle]);
-    for (int step = -1; step <= 1; step += 2) {
-        const double near = change(values, middle, step, h), far = change(values, middle + step * h, step, h);
-        if (!(near < limit)) return 0;
-        /* Geometric: near = far q, to come near (q + q^2 + ..). */
-        if (near > 1e-3 * limit && !(near < far && near * near / (far - near) < limit)) return 0;
+    const double value = fabs(values[middle]), limit = (pow(10.0, 0.005) - 1.0) * value;
+    if (h < 1) return 0;
+    for (int way = -h; way <= h; way += 2 * h) {
+        const double near = range(values, middle, middle + way), far = range(values, middle + 3 * way, middle + 4 * way);
+        if (near <= 1e-9 * value) continue;
+        /* far q^3 = near; what is to come: near (q + q^2 + ..) */
+        const double q = cbrt(near / far);
+        if (!(near < limit && q < 1.0 && near * q / (1.0 - q) < limit)) return 0;
     }
     return 1;
 }

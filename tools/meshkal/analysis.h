@@ -37,8 +37,10 @@ typedef struct {
 int mk_analyse(const mk_analysis_t *analysis, mk_performance_t *performance, mk_error_t *error);
 void mk_performance_free(mk_performance_t *performance);
 
-/* Whether values[0 .. horizon] stand still around horizon / 2: with h = horizon / 10 they change by less than 1e-3 within h on both sides, and
-   what is still to come of the change, if it goes on to shrink at the rate seen from one h to the next, is less than that, too. */
+/* Whether values[0 .. horizon] stand still around horizon / 2 to 0.05 dB. On both sides, with h = horizon / 10: their range within h is below
+   that, and so is the change still to come, if ranges of h go on to shrink as they do from the fourth to the first h beside the middle. Seen on
+   180 curves of random networks: values accepted at horizon 200 within 0.02 dB of their limits, at 150 within 0.05, at 100 within 0.09, there
+   only one in twenty; none below. */
 int mk_stands_still(const double *values, int horizon);
 
 #endif

@@ -5,9 +5,13 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "commands.h"
+#include "design.h"
+#include "kept_runs.h"
+#include "parallel.h"
+#include "process.h"
+#include "runner.h"
 
 static volatile sig_atomic_t stop_now;
 
@@ -15,6 +19,8 @@ static void on_signal(int number) {
     (void)number;
     stop_now = 1;
 }
+
+int mk_stopped(void) { return stop_now != 0; }
 
 void mk_catch_signals(void) {
     struct sigaction action;
@@ -27,223 +33,196 @@ void mk_catch_signals(void) {
     (void)sigaction(SIGPIPE, &action, NULL);
 }
 
+/* What became of one run, on its way to rank 0: followed by the record and by the bytes of its log. */
+typedef struct {
+    int run, state;
+    long steps_done;
+    uint64_t log_items;
+    size_t log_length;
+    mk_error_t error;
+} outcome_t;
+
 typedef struct {
     const mk_campaign_t *c;
-    mk_source_t *source;
-    mk_result_t *result;
+    const mk_source_t *source;
+    mk_team_t *team, *sharing; /* all processes; those that share one network with this one */
     mk_topology_t topology;
-    void *net;
-    size_t slots;
-    uint8_t *y_arrived, *psi_arrived;
-    double *estimate, *error, *tolerance, *schedule;
-    mk_snapshot_t snapshot;
+    double *tolerance, *schedule;
+    int workers, chunk; /* threads with a network each, and runs that they take at a time */
+    mk_runner_t *runner;
+    outcome_t *outcome;
+    mk_record_t *record; /* one for each outcome */
+    mk_run_log_t *part;  /* logs of runs that are not the next one to be written */
+    /* rank 0 */
     mk_run_log_t log;
-    double *state_square, *state_count;
-    double run_steady, steady_steps;
-    /* Sums as they were before the run under way, and their places. */
-    double *saved;
+    mk_kept_t kept;
+    mk_result_t *result;
+    mk_error_t *error;
+    /* The same on all. */
+    struct {
+        int next_run, state;
+    } shared;
+    int watched_run, shown; /* of the progress bar: the run of the first worker; per cent */
 } mk_running_t;
 
-/* Copies all sums away before a run, or back after one that was cut: figures are of complete runs. */
-static void save_sums(mk_running_t *r, int back) {
-    mk_result_t *result = r->result;
-    const size_t sums = 2 * (size_t)r->c->steps + (size_t)result->estimators, n = (size_t)r->c->scenario->n;
-    double *const scalar[] = {&result->theta, &result->tolerance, &result->nis_ratio, &r->steady_steps};
-    double *saved = r->saved;
-    memcpy(back ? result->msd : saved, back ? saved : result->msd, sums * sizeof *saved);
-    saved += sums;
-    memcpy(back ? r->state_square : saved, back ? saved : r->state_square, 2 * n * sizeof *saved);
-    saved += 2 * n;
-    for (size_t i = 0; i < 4; i++) *(back ? scalar[i] : &saved[i]) = *(back ? &saved[i] : scalar[i]);
-}
-
-/* Links that work in step t. A node always hears itself; a centre hears every sensor over a link. */
-static void draw_links(mk_running_t *r, int run, int t) {
-    const mk_topology_t *topology = &r->topology;
-    memset(r->y_arrived, 1, r->slots);
-    memset(r->psi_arrived, 1, r->slots);
-    if (!(r->c->loss > 0.0)) return;
-    for (int e = 0; e < topology->estimators; e++) {
-        mk_random_t random;
-        mk_random_start(&random, r->c->seed, (uint32_t)run, (uint32_t)e, (uint32_t)t, MK_DRAW_LOSS);
-        const int begin = topology->first[e] + !r->c->filter->central, end = topology->first[e + 1];
-        for (int i = begin; i < end; i++) r->y_arrived[i] = mk_random_uniform(&random) >= r->c->loss;
-        for (int i = begin; i < end; i++) r->psi_arrived[i] = mk_random_uniform(&random) >= r->c->loss;
-    }
-}
-
-/* Errors of the estimates before the step, into the sums of the result. */
-static void take_errors(mk_running_t *r, int t) {
-    const mk_scenario_t *s = r->c->scenario;
-    mk_result_t *result = r->result;
-    const int E = r->topology.estimators, n = s->n, steady = t >= r->c->steps / 2;
-    double total = 0.0, position = 0.0;
-    r->c->network->estimate(r->net, r->estimate);
-    for (int e = 0; e < E; e++) {
-        double square = 0.0;
-        for (int i = 0; i < n; i++) {
-            const double d = r->source->x[i] - r->estimate[e * n + i];
-            if (isnan(d)) continue;
-            square += d * d;
-            r->state_square[i] += d * d;
-            r->state_count[i] += 1.0;
-        }
-        for (int p = 0; p < s->position_count; p++) {
-            const double d = r->source->x[s->position_states[p]] - r->estimate[e * n + s->position_states[p]];
-            if (!isnan(d)) position += d * d;
-        }
-        r->error[e] = sqrt(square);
-        total += square;
-        if (steady) result->node_msd[e] += square;
-    }
-    result->msd[t] += total / E;
-    result->position_msd[t] += position / E;
-    if (steady) r->run_steady += total / E;
-}
-
-static void write_item(mk_running_t *r, int run, int t) {
-    mk_run_log_t *log = &r->log;
-    const mk_scenario_t *s = r->c->scenario;
-    const size_t E = (size_t)r->topology.estimators, size = r->c->network->real_size;
-    const int truth = r->source->has_truth, central = r->c->filter->central, positions = s->position_count;
-    mk_log_begin(log, run, t, 9 + 2 * truth + !central + (positions > 0));
-    if (truth) mk_log_reals(log, "truth", r->source->x, 8, (size_t)s->n);
-    mk_log_reals(log, "measurements", r->source->y, 8, (size_t)r->source->row_first[s->nodes]);
-    mk_log_uint8(log, "measurements_arrived", r->y_arrived, r->slots);
-    if (!central) mk_log_uint8(log, "estimates_arrived", r->psi_arrived, r->slots);
-    mk_log_reals(log, "estimate", r->snapshot.estimate, size, E * (size_t)s->n);
-    if (truth) mk_log_reals(log, "error", r->error, 8, E);
-    mk_log_reals(log, "trace_covariance", r->snapshot.trace_covariance, size, E);
-    if (positions > 0)
-        mk_log_reals(log, "position_covariance", r->snapshot.position_covariance, size, E * (size_t)MK_PACKED(positions));
-    mk_log_reals(log, "theta", r->snapshot.theta, size, E);
-    mk_log_reals(log, "tolerance", r->snapshot.tolerance, size, E);
-    mk_log_reals(log, "nis", r->snapshot.nis, size, E);
-    mk_log_uint32(log, "nis_rows", r->snapshot.nis_rows, E);
-    mk_log_uint32(log, "faults", r->snapshot.faults, E);
-    mk_log_end(log);
-}
-
-static int one_step(mk_running_t *r, int run, int t, mk_error_t *error) {
+static void show_progress(void *context, int t) {
+    mk_running_t *r = context;
     const mk_campaign_t *c = r->c;
-    const mk_network_t *network = c->network;
-    int bad = 0;
-    mk_source_step(r->source, run, t);
-    draw_links(r, run, t);
-    if (r->source->has_truth) take_errors(r, t);
-    if (c->log_path) network->look_before(r->net, &r->snapshot);
-    mk_status_t status = MK_OK;
-    if (r->schedule) status = network->set_tolerance(r->net, r->schedule + (size_t)t * (size_t)r->topology.estimators, &bad);
-    if (status == MK_OK) status = network->incremental(r->net, r->source->y, r->source->row_first, r->y_arrived, &bad);
-    if (status == MK_OK) status = network->diffuse(r->net, c->filter->central ? NULL : r->psi_arrived, &bad);
-    if (status != MK_OK)
-        return mk_fail(error, "run %d, step %d, %s %d: %s%s", run, t, c->filter->central ? "central filter" : "node", bad, mk_status_name(status),
-                       status == MK_ERROR_NOT_POSITIVE_DEFINITE ? ": its covariance has grown beyond this precision; does it observe all states?" : "");
-    if (c->log_path) {
-        network->look_after(r->net, &r->snapshot);
-        /* A centre has nobody to exchange estimates with: nothing is missing. */
-        if (c->filter->central) r->snapshot.faults[0] &= ~(uint32_t)MK_FAULT_ESTIMATE_MISSING;
-        write_item(r, run, t);
-        if (r->log.failed) return mk_fail(error, "writing the log: %s", strerror(r->log.failed));
-    }
-    if (t >= c->steps / 2) {
-        double theta, tolerance, nis;
-        network->means(r->net, &theta, &tolerance, &nis);
-        r->result->theta += theta;
-        r->result->tolerance += tolerance;
-        r->result->nis_ratio += nis;
-        r->steady_steps += 1.0;
-    }
-    r->result->steps_done++;
-    return 1;
-}
-
-static void show_progress(const mk_campaign_t *c, long done, long total, int *shown) {
-    const int percent = (int)(100 * done / total);
-    if (percent == *shown) return;
-    *shown = percent;
+    const double done = r->shared.next_run + (r->watched_run - r->shared.next_run + (t + 1.0) / c->steps) * r->workers * r->team->ranks;
+    const int percent = (int)fmin(100.0 * done / c->runs, 100.0);
+    if (percent == r->shown) return;
+    r->shown = percent;
     (void)fprintf(stderr, "\r%-8s [%-40.*s] %3d %%", c->filter->name, percent * 40 / 100, "########################################", percent);
-    if (done == total) (void)fputs("\r\033[K", stderr);
 }
 
-static int run_all(mk_running_t *r, mk_error_t *error) {
-    const mk_campaign_t *c = r->c;
-    mk_result_t *result = r->result;
-    double sum = 0.0, square = 0.0;
-    int shown = -1;
-    for (int run = 0; run < c->runs && !stop_now; run++) {
-        int bad = 0;
-        const mk_status_t status = c->network->start(r->net, &bad);
-        if (status != MK_OK) return mk_fail(error, "start of estimator %d: %s", bad, mk_status_name(status));
-        r->run_steady = 0.0;
-        save_sums(r, 0);
-        for (int t = 0; t < c->steps && !stop_now; t++) {
-            if (!one_step(r, run, t, error)) return 0;
-            if (c->progress) show_progress(c, (long)run * c->steps + t + 1, (long)c->runs * c->steps, &shown);
-        }
-        if (stop_now) {
-            save_sums(r, 1);
-            break;
-        }
-        const double mean = r->run_steady / (c->steps - c->steps / 2);
-        sum += mean;
-        square += mean * mean;
-        result->runs_done++;
+/* Runs are given to worker and rank in blocks, so that what is collected comes in order. */
+static void run_one(void *context, int worker, long index) {
+    mk_running_t *r = context;
+    outcome_t *outcome = &r->outcome[index];
+    const int direct = r->part == NULL, rank = r->sharing == r->team ? 0 : r->team->rank;
+    mk_run_log_t *log = !r->c->log_path || r->sharing->rank > 0 ? NULL : direct ? &r->log : &r->part[index];
+    mk_runner_t *runner = &r->runner[worker];
+    memset(outcome, 0, sizeof *outcome);
+    outcome->run = r->shared.next_run + rank * r->workers * r->chunk + (int)index;
+    if (outcome->run >= r->c->runs || (mk_stopped() && r->sharing->ranks == 1)) return;
+    if (log && !direct) mk_log_keep(log);
+    const long before = runner->steps_done;
+    const int watched = r->c->progress && worker == 0 && r->team->rank == 0;
+    if (watched) r->watched_run = outcome->run;
+    outcome->state = (int)mk_runner_run(runner, outcome->run, &r->record[index], log, watched ? show_progress : NULL, r, &outcome->error);
+    outcome->steps_done = runner->steps_done - before;
+    if (!log || direct) return;
+    outcome->log_items = log->items;
+    outcome->log_length = log->out.used;
+}
+
+/* On rank 0, in the order of runs. */
+static void commit(mk_running_t *r, const outcome_t *outcome, const double *record, const void *log) {
+    if (r->shared.state != MK_RUN_DONE || outcome->state == MK_RUN_NONE) return;
+    r->result->steps_done += outcome->steps_done;
+    if (outcome->log_length > 0) mk_log_append(&r->log, log, outcome->log_length, outcome->log_items);
+    r->shared.state = outcome->state;
+    *r->error = outcome->error;
+    if (outcome->state != MK_RUN_DONE) return;
+    if (r->log.failed) (void)mk_fail(r->error, "writing the log: %s", strerror(r->log.failed));
+    if (r->log.failed || (r->c->keep_path && !mk_kept_add(&r->kept, outcome->run, record, r->error))) {
+        r->shared.state = MK_RUN_FAILED;
+        return;
     }
-    result->interrupted = stop_now != 0;
-    const double runs = result->runs_done;
-    result->steady = sum / runs;
-    result->steady_ci95 = runs < 2.0 ? (double)NAN : 1.96 * sqrt(fmax(square / runs - result->steady * result->steady, 0.0) / (runs - 1.0));
+    mk_statistics_add(&r->result->statistics, record);
+    r->shared.next_run++;
+}
+
+static void take_outcomes(void *context, const void *bytes, size_t length) {
+    mk_running_t *r = context;
+    const unsigned char *next = bytes, *const end = next + length;
+    const size_t record = r->record[0].count * sizeof(double);
+    while (next < end) {
+        outcome_t outcome;
+        memcpy(&outcome, next, sizeof outcome);
+        memcpy(r->record[0].value, next + sizeof outcome, record);
+        commit(r, &outcome, r->record[0].value, next + sizeof outcome + record);
+        next += sizeof outcome + record + outcome.log_length;
+    }
+}
+
+/* The outcomes of a round to rank 0, and what it makes of them to all. */
+static void finish_round(mk_running_t *r) {
+    const int outcomes = r->workers * r->chunk;
+    mk_cbor_t bytes = {NULL, 0, 0};
+    for (int i = 0; i < outcomes; i++) {
+        if (r->sharing == r->team && r->team->rank > 0) break; /* a shared network has one record, that of rank 0 */
+        mk_cbor_append(&bytes, &r->outcome[i], sizeof r->outcome[i]);
+        mk_cbor_append(&bytes, r->record[i].value, r->record[i].count * sizeof(double));
+        if (r->outcome[i].log_length > 0) mk_cbor_append(&bytes, r->part[i].out.buffer, r->outcome[i].log_length);
+        if (r->part) free(r->part[i].out.buffer);
+        if (r->part) memset(&r->part[i], 0, sizeof r->part[i]);
+    }
+    r->team->collect(r->team, bytes.buffer, bytes.used, take_outcomes, r);
+    free(bytes.buffer);
+    if (mk_stopped() && r->shared.state == MK_RUN_DONE && r->shared.next_run < r->c->runs) r->shared.state = MK_RUN_STOPPED;
+    r->team->spread(r->team, &r->shared, sizeof r->shared);
+}
+
+static void run_all(mk_running_t *r) {
+    while (r->shared.next_run < r->c->runs && r->shared.state == MK_RUN_DONE) {
+        mk_parallel(r->workers, (long)r->workers * r->chunk, run_one, r);
+        finish_round(r);
+    }
+    if (r->c->progress && r->shown >= 0) (void)fputs("\r\033[K", stderr);
+}
+
+/* What an earlier call has kept is taken as if it were run now. */
+static int take_kept(mk_running_t *r, mk_error_t *error) {
+    int good = 1;
+    if (r->c->keep_path && r->team->rank == 0) {
+        good = mk_kept_open(&r->kept, r->c->keep_path, r->c->identity, r->c->filter->name, r->record[0].count, error);
+        for (int i = 0; good && i < r->kept.runs && i < r->c->runs; i++) mk_statistics_add(&r->result->statistics, r->kept.records + (size_t)i * r->kept.count);
+        r->result->runs_kept = r->shared.next_run = r->result->statistics.runs;
+    }
+    if (!r->team->agree(r->team, good, error)) return 0;
+    r->team->spread(r->team, &r->shared, sizeof r->shared);
     return 1;
 }
 
-static void finish(mk_running_t *r) {
+static int open_log(mk_running_t *r, mk_error_t *error) {
     const mk_campaign_t *c = r->c;
-    mk_result_t *result = r->result;
-    const double runs = result->runs_done, window = c->steps - c->steps / 2;
-    const int truth = r->source->has_truth, position = c->scenario->position_count > 0;
-    for (int t = 0; t < c->steps; t++) {
-        result->msd[t] = truth ? result->msd[t] / runs : (double)NAN;
-        result->position_msd[t] = truth && position ? result->position_msd[t] / runs : (double)NAN;
-        if (t >= c->steps / 2) result->position_steady += result->position_msd[t] / window;
+    const mk_scenario_t *s = c->scenario;
+    int good = 1;
+    if (c->log_path && r->team->rank == 0) {
+        const mk_run_facts_t facts = {c->filter->name, c->network->name, r->source->truth == MK_TRUTH_RECORDED ? "recorded" : "drawn",
+                                      mk_truth_name(r->source->truth), c->seed, c->runs, c->steps, c->filter->central ? 1 : s->nodes, c->loss,
+                                      c->filter->central ? r->topology.first : s->first, c->filter->central ? r->topology.slot : s->slot};
+        good = mk_log_open(&r->log, c->log_path, error);
+        if (good) mk_log_header(&r->log, s, &facts);
     }
-    for (int e = 0; e < result->estimators; e++) result->node_msd[e] = truth ? result->node_msd[e] / (runs * window) : (double)NAN;
-    for (int i = 0; i < c->scenario->n; i++)
-        result->state_rmse[i] = r->state_count[i] > 0.0 ? sqrt(r->state_square[i] / r->state_count[i]) : (double)NAN;
-    if (!truth) result->steady = result->steady_ci95 = (double)NAN;
-    result->theta /= r->steady_steps;
-    result->tolerance /= r->steady_steps;
-    result->nis_ratio /= r->steady_steps;
+    return r->team->agree(r->team, good, error);
 }
 
-/* The work and its log, once everything that can be refused is known to be good. */
+/* The work and its files, once everything that can be refused is known to be good. */
 static int run_logged(mk_running_t *r, mk_error_t *error) {
-    const mk_campaign_t *c = r->c;
-    struct timespec from, to;
-    if (c->log_path) {
-        const mk_run_facts_t facts = {c->filter->name, c->network->name,        r->source->recorded ? "recorded" : "drawn",
-                                      c->seed,         c->runs,                 c->steps,
-                                      r->topology.estimators, c->loss,          r->topology.first,
-                                      r->topology.slot};
-        if (!mk_log_open(&r->log, c->log_path, error)) return MK_EXIT_INPUT;
-        mk_log_header(&r->log, c->scenario, &facts);
-    }
-    (void)clock_gettime(CLOCK_MONOTONIC, &from);
-    int good = run_all(r, error);
-    (void)clock_gettime(CLOCK_MONOTONIC, &to);
-    r->result->seconds = (double)(to.tv_sec - from.tv_sec) + 1e-9 * (double)(to.tv_nsec - from.tv_nsec);
-    if (c->log_path) {
+    if (!take_kept(r, error) || !open_log(r, error)) return MK_EXIT_INPUT;
+    const double from = mk_seconds();
+    run_all(r);
+    r->result->seconds = mk_seconds() - from;
+    r->result->interrupted = r->shared.state == MK_RUN_STOPPED;
+    int good = r->shared.state != MK_RUN_FAILED;
+    if (r->c->log_path && r->team->rank == 0) {
         mk_error_t log_error;
-        const int written = mk_log_close(&r->log, !good ? "failed" : stop_now ? "interrupted" : "complete", &log_error);
-        if (good && !written) {
-            *error = log_error;
-            good = 0;
-        }
+        const int written = mk_log_close(&r->log, !good ? "failed" : r->result->interrupted ? "interrupted" : "complete", &log_error);
+        if (good && !written) *error = log_error;
+        good = good && written;
     }
-    return good ? 0 : MK_EXIT_FAILED;
+    return r->team->agree(r->team, good, error) ? 0 : MK_EXIT_FAILED;
 }
 
-int mk_campaign_run(const mk_campaign_t *c, mk_source_t *source, mk_result_t *result, mk_error_t *error) {
+static void open_runners(mk_running_t *r) {
+    const mk_campaign_t *c = r->c;
+    const int alone = r->sharing->ranks == 1, share = (c->runs + r->team->ranks - 1) / r->team->ranks;
+    r->workers = !alone ? 1 : c->threads < share ? c->threads : share;
+    /* Several runs at a time keep threads busy; with a log they would wait in memory. */
+    r->chunk = !alone || c->log_path ? 1 : share / (4 * r->workers) + 1;
+    if (r->chunk > 16) r->chunk = 16;
+    const int outcomes = r->workers * r->chunk, E = c->filter->central ? 1 : c->scenario->nodes;
+    r->runner = mk_allocate((size_t)r->workers, sizeof *r->runner);
+    r->outcome = mk_allocate((size_t)outcomes, sizeof *r->outcome);
+    r->record = mk_allocate((size_t)outcomes, sizeof *r->record);
+    for (int i = 0; i < outcomes; i++) mk_record_open(&r->record[i], c->scenario->n, c->steps, E);
+    for (int i = 0; i < r->workers; i++)
+        mk_runner_open(&r->runner[i], c, r->source, r->sharing, &r->topology, r->tolerance, r->schedule, c->threads / r->workers);
+    if (c->log_path && alone && r->workers * r->team->ranks > 1) r->part = mk_allocate((size_t)outcomes, sizeof *r->part);
+}
+
+static void close_runners(mk_running_t *r) {
+    for (int i = 0; i < r->workers; i++) mk_runner_close(&r->runner[i]);
+    for (int i = 0; i < r->workers * r->chunk; i++) mk_record_close(&r->record[i]);
+    free(r->runner);
+    free(r->outcome);
+    free(r->record);
+    free(r->part);
+}
+
+int mk_campaign_run(const mk_campaign_t *c, const mk_source_t *source, mk_team_t *team, mk_result_t *result, mk_error_t *error) {
     const mk_scenario_t *s = c->scenario;
     mk_running_t r;
     memset(&r, 0, sizeof r);
@@ -251,42 +230,35 @@ int mk_campaign_run(const mk_campaign_t *c, mk_source_t *source, mk_result_t *re
     r.c = c;
     r.source = source;
     r.result = result;
-    r.topology = c->filter->central ? mk_central_topology(s) : mk_distributed_topology(s);
-    const size_t E = (size_t)r.topology.estimators, n = (size_t)s->n, steps = (size_t)c->steps;
-    r.slots = (size_t)r.topology.first[E];
-    result->estimators = (int)E;
-    result->steps = c->steps;
-    result->msd = mk_allocate(2 * steps + E + n, sizeof *result->msd);
-    result->position_msd = result->msd + steps;
-    result->node_msd = result->position_msd + steps;
-    result->state_rmse = result->node_msd + E;
-    r.y_arrived = mk_allocate(2 * r.slots, 1);
-    r.psi_arrived = r.y_arrived + r.slots;
-    r.estimate = mk_allocate(E * n + 2 * E + 2 * n, sizeof *r.estimate);
-    r.error = r.estimate + E * n;
-    r.tolerance = r.error + E;
-    r.state_square = r.tolerance + E;
-    r.state_count = r.state_square + n;
-    r.saved = mk_allocate(2 * steps + E + 2 * n + 4, sizeof *r.saved);
-    r.snapshot = mk_snapshot_make(c->network, (int)E, s);
+    r.team = team;
+    r.sharing = c->split_nodes && !c->filter->central ? team : &mk_team_alone;
+    r.error = error;
+    r.shown = -1;
+    r.shared.state = MK_RUN_DONE;
+    int good = 1;
+    if (c->filter->central) r.topology = mk_central_topology(s);
+    else good = r.sharing->divide(r.sharing, s, c->network->real_size, &r.topology, error);
+    if (!good) return MK_EXIT_INPUT;
+    result->estimators = c->filter->central ? 1 : s->nodes;
+    mk_statistics_open(&result->statistics, s->n, c->steps, result->estimators);
     int status = MK_EXIT_INPUT;
-    if (mk_filter_tolerances(c->filter, s, c->tolerance, c->steps, r.tolerance, &r.schedule, error)) {
-        r.net = c->network->open(s, &r.topology, r.tolerance);
+    r.tolerance = mk_allocate((size_t)r.topology.estimators, sizeof *r.tolerance);
+    if (team->agree(team, mk_filter_tolerances(c->filter, s, c->tolerance, c->steps, &r.topology, c->threads, r.tolerance, &r.schedule, error), error)) {
+        open_runners(&r);
         status = run_logged(&r, error);
-        c->network->close(r.net);
-        finish(&r);
+        close_runners(&r);
+        mk_statistics_finish(&result->statistics);
+        if (c->keep_path) mk_kept_close(&r.kept);
     }
-    mk_snapshot_free(&r.snapshot);
+    free(r.tolerance);
     free(r.schedule);
-    free(r.y_arrived);
-    free(r.estimate);
-    free(r.saved);
     if (c->filter->central) mk_central_free(&r.topology);
+    else r.sharing->release(r.sharing, &r.topology);
     if (status) mk_result_free(result);
     return status;
 }
 
 void mk_result_free(mk_result_t *result) {
-    free(result->msd);
+    mk_statistics_close(&result->statistics);
     memset(result, 0, sizeof *result);
 }

@@ -3,8 +3,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "analysis.h"
@@ -12,6 +10,7 @@
 #include "design.h"
 #include "json_out.h"
 #include "parallel.h"
+#include "process.h"
 
 /* Above this many nodes the nominal model, for the loss against it, is left out: it doubles the time. */
 #define LOSS_LIMIT 200
@@ -27,18 +26,6 @@ typedef struct {
     mk_performance_t result[MK_FILTERS], nominal[MK_FILTERS]; /* those of the filters asked for; nominal: where there is a loss to show */
     double seconds;
 } results_t;
-
-static double now(void) {
-    struct timespec time;
-    (void)clock_gettime(CLOCK_MONOTONIC, &time);
-    return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
-}
-
-static double peak_memory(void) {
-    struct rusage usage;
-    (void)getrusage(RUSAGE_SELF, &usage);
-    return 1024.0 * (double)usage.ru_maxrss;
-}
 
 static double decibel(double msd) { return 10.0 * log10(msd); }
 
@@ -72,7 +59,7 @@ static int check_convergence(const results_t *r, mk_error_t *error) {
         design.local = mk_allocate((size_t)s->nodes, sizeof *design.local);
         for (int k = 0; k < s->nodes; k++)
             design.local[k] = modes[m] == MK_TOLERANCE_STEADY ? steady[k] : modes[m] == MK_TOLERANCE_GLOBAL ? r->analysis.tolerance : 0.0;
-        good = mk_design_nodes(&design, s, none_may_grow, error);
+        good = mk_design_nodes(&design, s, none_may_grow, 0, r->analysis.threads, error);
         mk_design_free(&design);
     }
     free(none_may_grow);
@@ -115,7 +102,7 @@ static int read_arguments(results_t *r, const arguments_t *a, const mk_scenario_
 }
 
 static int analyze(results_t *r, mk_error_t *error) {
-    const double from = now();
+    const double from = mk_seconds();
     mk_analysis_t a = r->analysis;
     if (!check_convergence(r, error) || !mk_least_favourable_make(&r->model, a.scenario, a.tolerance, a.horizon, error)) return 0;
     a.model = &r->model;
@@ -130,7 +117,7 @@ static int analyze(results_t *r, mk_error_t *error) {
         a.node = -1;
         if (!mk_analyse(&a, &r->nominal[i], error)) return 0;
     }
-    r->seconds = now() - from;
+    r->seconds = mk_seconds() - from;
     return 1;
 }
 
@@ -202,7 +189,7 @@ static json_t *filter_json(const results_t *r, int i) {
     mk_json_set(central, "trace_V", mk_json_number(p->central_trace_V));
     mk_json_set(object, "central", central);
     mk_json_set(object, "seconds", mk_json_number(p->seconds));
-    mk_json_set(object, "peak_memory_bytes", json_integer((json_int_t)peak_memory()));
+    mk_json_set(object, "peak_memory_bytes", json_integer((json_int_t)mk_peak_memory()));
     if (p->tolerance) {
         mk_json_set(object, "tolerance_over_time", steps_json(p->tolerance, p->horizon + 1, p->estimators));
         mk_json_set(object, "theta_over_time", steps_json(p->theta, p->horizon + 1, p->estimators));
@@ -225,7 +212,7 @@ static json_t *make_json(const results_t *r) {
     set_head(root, r);
     mk_json_set(root, "filters", filters);
     mk_json_set(root, "seconds", mk_json_number(r->seconds));
-    mk_json_set(root, "peak_memory_bytes", json_integer((json_int_t)peak_memory()));
+    mk_json_set(root, "peak_memory_bytes", json_integer((json_int_t)mk_peak_memory()));
     return root;
 }
 
@@ -287,7 +274,7 @@ static void print_table(const results_t *r) {
     if (!steady)
         (void)printf("\nnot steady at t = %d: the horizon T = %d is too short for both of its ends to die out; try --horizon %d\n", a->horizon / 2,
                      a->horizon, a->horizon < 100 ? 200 : 2 * a->horizon);
-    (void)printf("\n%.2f s, %.0f MiB\n", r->seconds, peak_memory() / 1048576.0);
+    (void)printf("\n%.2f s, %.0f MiB\n", r->seconds, mk_peak_memory() / 1048576.0);
 }
 
 static void free_results(results_t *r) {

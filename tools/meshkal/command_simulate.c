@@ -1,110 +1,44 @@
 /* SPDX-License-Identifier: MIT */
-#include <jansson.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "campaign.h"
 #include "commands.h"
-#include "design.h"
 #include "json_out.h"
+#include "parallel.h"
+#include "simulate_report.h"
+
+/* Steps after the last one that the adversary still looks ahead to, where the user does not say: the end of its horizon is not seen. */
+#define HORIZON_MARGIN 100
 
 typedef struct {
-    const char *filter, *steps, *seed, *runs, *real, *loss, *tolerance, *measurements, *truth, *out, *json;
+    const char *filter, *steps, *seed, *runs, *real, *loss, *tolerance, *measurements, *truth, *horizon, *out, *json, *threads, *resume, *split;
 } arguments_t;
 
-static double decibel(double msd) { return 10.0 * log10(msd); }
-
-/* Numbers that cross the network in one step: readings and estimates sent, and what the central unit sends. */
-static void communication(const mk_scenario_t *s, const mk_filter_t *filter, double *sent, double *from_centre) {
-    *sent = *from_centre = 0.0;
-    for (int k = 0; k < s->nodes; k++) *sent += s->sensor[k].rows + (filter->central ? 0 : s->n);
-    if (filter->mode == MK_TOLERANCE_SCHEDULE) *from_centre = s->nodes;
-}
-
-static void print_head(FILE *out, const mk_campaign_t *c, const mk_source_t *source) {
-    (void)fprintf(out, "%s: %d nodes, %d states, %d steps, %d run%s, %s, seed %llu, %s", c->scenario->name[0] ? c->scenario->name : "scenario",
-                  c->scenario->nodes, c->scenario->n, c->steps, c->runs, c->runs == 1 ? "" : "s", c->network->name,
-                  (unsigned long long)c->seed, source->recorded ? "recorded data" : "nominal truth");
-    if (c->loss > 0.0) (void)fprintf(out, ", %g of messages lost", c->loss);
-    (void)fprintf(out, "\nMean squared deviation over the second half of the steps; c in twice the Kullback-Leibler divergence (nats).\n\n");
-    (void)fprintf(out, "%-8s %9s %8s %12s %9s %8s %8s %11s %12s %13s\n", "filter", "MSD [dB]", "+- 95 %", "position [dB]", "mean c",
-                  "theta", "NIS/rows", "sent a step", "from centre", "node-steps/s");
-}
-
-static void print_cell(FILE *out, int width, int digits, double value) {
-    if (isfinite(value)) (void)fprintf(out, " %*.*f", width, digits, value);
-    else (void)fprintf(out, " %*s", width, "-");
-}
-
-static void print_row(FILE *out, const mk_campaign_t *c, const mk_result_t *r) {
-    double sent, from_centre;
-    communication(c->scenario, c->filter, &sent, &from_centre);
-    (void)fprintf(out, "%-8s", c->filter->name);
-    print_cell(out, 9, 4, decibel(r->steady));
-    print_cell(out, 8, 4, r->steady_ci95 / r->steady * 10.0 / log(10.0));
-    print_cell(out, 13, 4, decibel(r->position_steady));
-    print_cell(out, 9, 5, r->tolerance);
-    print_cell(out, 8, 4, r->theta);
-    print_cell(out, 8, 4, r->nis_ratio);
-    print_cell(out, 11, 0, sent);
-    print_cell(out, 12, 0, from_centre);
-    print_cell(out, 13, 0, (double)r->steps_done * r->estimators / r->seconds);
-    (void)fputs("\n", out);
-}
-
-static json_t *make_json(const mk_campaign_t *c, const mk_result_t *r) {
-    double sent, from_centre;
-    communication(c->scenario, c->filter, &sent, &from_centre);
-    json_t *object = json_object();
-    mk_json_set(object, "filter", json_string(c->filter->name));
-    mk_json_set(object, "runs_done", json_integer(r->runs_done));
-    mk_json_set(object, "interrupted", json_boolean(r->interrupted));
-    mk_json_set(object, "msd", mk_json_number(r->steady));
-    mk_json_set(object, "msd_ci95", mk_json_number(r->steady_ci95));
-    mk_json_set(object, "msd_db", mk_json_number(decibel(r->steady)));
-    mk_json_set(object, "position_msd_db", mk_json_number(decibel(r->position_steady)));
-    mk_json_set(object, "mean_tolerance", mk_json_number(r->tolerance));
-    mk_json_set(object, "mean_theta", mk_json_number(r->theta));
-    mk_json_set(object, "nis_ratio", mk_json_number(r->nis_ratio));
-    mk_json_set(object, "state_rmse", mk_json_numbers(r->state_rmse, (size_t)c->scenario->n));
-    mk_json_set(object, "node_msd", mk_json_numbers(r->node_msd, (size_t)r->estimators));
-    mk_json_set(object, "msd_over_time", mk_json_numbers(r->msd, r->runs_done ? (size_t)r->steps : 0));
-    mk_json_set(object, "numbers_sent_per_step", mk_json_number(sent));
-    mk_json_set(object, "numbers_from_centre_per_step", mk_json_number(from_centre));
-    mk_json_set(object, "seconds", mk_json_number(r->seconds));
-    mk_json_set(object, "node_steps_per_second", mk_json_number((double)r->steps_done * r->estimators / r->seconds));
-    return object;
-}
-
-static json_t *make_summary(const mk_campaign_t *c, const mk_source_t *source, json_t *filters) {
-    json_t *root = json_object();
-    mk_json_set(root, "scenario", json_string(c->scenario->name));
-    mk_json_set(root, "scenario_sha256", json_string(c->scenario->sha256));
-    mk_json_set(root, "source", json_string(source->recorded ? "recorded" : "drawn"));
-    mk_json_set(root, "real", json_string(c->network->name));
-    mk_json_set(root, "nodes", json_integer(c->scenario->nodes));
-    mk_json_set(root, "steps", json_integer(c->steps));
-    mk_json_set(root, "steady_from", json_integer(c->steps / 2));
-    mk_json_set(root, "runs", json_integer(c->runs));
-    mk_json_set(root, "seed", json_integer((json_int_t)c->seed));
-    mk_json_set(root, "loss", json_real(c->loss));
-    mk_json_set(root, "tolerance", json_real(c->tolerance));
-    mk_json_set(root, "filters", filters);
-    return root;
-}
-
-static int read_arguments(int argc, char **argv, arguments_t *a, const char **path, mk_error_t *error) {
+static int read_arguments(int argc, char **argv, int alone, arguments_t *a, const char **path, mk_error_t *error) {
     const mk_option_t options[] = {{"filter", &a->filter, NULL}, {"steps", &a->steps, NULL},         {"seed", &a->seed, NULL},
                                    {"runs", &a->runs, NULL},     {"real", &a->real, NULL},           {"loss", &a->loss, NULL},
                                    {"tolerance", &a->tolerance, NULL}, {"measurements", &a->measurements, NULL}, {"truth", &a->truth, NULL},
-                                   {"out", &a->out, NULL},       {"json", &a->json, NULL},           {NULL, NULL, NULL}};
+                                   {"horizon", &a->horizon, NULL},     {"out", &a->out, NULL},                   {"json", &a->json, NULL},
+                                   {"threads", &a->threads, NULL},     {"resume", &a->resume, NULL},
+                                   {alone ? NULL : "split", &a->split, NULL}, {NULL, NULL, NULL}};
     return mk_parse_options(argc, argv, options, "the scenario file", path, error);
 }
 
-/* Everything that is known before the scenario is read, and everything that depends on it. */
-static int set_campaign(mk_campaign_t *c, const arguments_t *a, const mk_scenario_t *s, mk_error_t *error) {
+/* How the work is shared out. */
+static int set_shares(mk_campaign_t *c, const arguments_t *a, const mk_team_t *team, mk_error_t *error) {
+    long long threads = team->ranks > 1 ? 1 : mk_cores();
+    if (!mk_option_integer("threads", a->threads, 1, 4096, &threads, error)) return 0;
+    c->threads = (int)threads;
+    c->split_nodes = team->ranks > 1 && c->runs < team->ranks;
+    if (!a->split) return 1;
+    if (strcmp(a->split, "nodes") != 0 && strcmp(a->split, "runs") != 0) return mk_fail(error, "--split %s: must be nodes or runs", a->split);
+    c->split_nodes = team->ranks > 1 && strcmp(a->split, "nodes") == 0;
+    return 1;
+}
+
+static int set_campaign(mk_campaign_t *c, const arguments_t *a, const mk_scenario_t *s, const mk_team_t *team, mk_error_t *error) {
     long long steps = s->steps, runs = 1, seed = (long long)s->seed;
     c->scenario = s;
     c->tolerance = s->tolerance;
@@ -118,89 +52,126 @@ static int set_campaign(mk_campaign_t *c, const arguments_t *a, const mk_scenari
     c->network = &mk_network_f64;
     if (a->real && strcmp(a->real, "float32") == 0) c->network = &mk_network_f32;
     else if (a->real && strcmp(a->real, "float64") != 0) return mk_fail(error, "--real %s: must be float32 or float64", a->real);
-    if (a->truth && !a->measurements) return mk_fail(error, "--truth goes with --measurements");
     if (a->measurements && c->runs != 1) return mk_fail(error, "--runs: recorded measurements can be run once only");
+    if (a->resume && a->out) return mk_fail(error, "--resume keeps figures, not logs: leave --out away");
+    if (a->resume && a->measurements) return mk_fail(error, "--resume: recorded measurements are one run");
     if (!mk_filter_find(a->filter ? a->filter : "rkfdnu2", &c->filter, error)) return 0;
     if (!c->filter && a->out) return mk_fail(error, "--out: a log holds one filter; choose one with --filter");
     if (s->nodes > UINT16_MAX && (!c->filter || c->filter->central))
         return mk_fail(error, "a centralised filter takes at most %d nodes, not %d", UINT16_MAX, s->nodes);
-    return 1;
+    return set_shares(c, a, team, error);
+}
+
+static int open_source(mk_source_t *source, mk_campaign_t *c, const arguments_t *a, mk_error_t *error) {
+    const int worst = a->truth && strcmp(a->truth, "least-favourable") == 0, nominal = !a->truth || strcmp(a->truth, "nominal") == 0;
+    long long horizon = (long long)c->steps + HORIZON_MARGIN;
+    if (!mk_option_integer("horizon", a->horizon, 0, 100000000, &horizon, error)) return 0;
+    if (a->horizon && !worst) return mk_fail(error, "--horizon goes with --truth least-favourable");
+    if (a->measurements) {
+        if (a->truth && (worst || nominal)) return mk_fail(error, "--truth %s is for drawn data, not with --measurements", a->truth);
+        if (!mk_source_record(source, c->scenario, a->measurements, a->truth, a->steps ? c->steps : 0, error)) return 0;
+        c->steps = source->steps;
+        return 1;
+    }
+    if (nominal) {
+        mk_source_draw(source, c->scenario, c->seed);
+        return 1;
+    }
+    if (!worst) return mk_fail(error, "--truth %s: must be nominal or least-favourable; a file goes with --measurements", a->truth);
+    if (horizon < c->steps - 1)
+        return mk_fail(error, "--horizon %lld: the least favourable model must reach the last step, %d", horizon, c->steps - 1);
+    return mk_source_draw_worst(source, c->scenario, c->seed, c->tolerance, (int)horizon, error);
+}
+
+/* Everything that decides the numbers of a run, but the filter and the recorded files. */
+static void identify(char *text, size_t room, const mk_campaign_t *c, const mk_source_t *source) {
+    (void)snprintf(text, room, "meshkal " MK_VERSION " scenario %s seed %llu steps %d loss %.17g tolerance %.17g real %s truth %s horizon %d",
+                   c->scenario->sha256, (unsigned long long)c->seed, c->steps, c->loss, c->tolerance, c->network->name, mk_truth_name(source->truth),
+                   source->worst.horizon);
 }
 
 /* Runs the campaign's filter, or all of them if it has none, into the table and the JSON list. An exit status. */
-static int run_filters(mk_campaign_t *c, mk_source_t *source, json_t *filters, int *interrupted, mk_error_t *error) {
+static int run_filters(mk_campaign_t *c, const mk_source_t *source, mk_team_t *team, json_t *filters, int *interrupted, mk_error_t *error) {
     const mk_filter_t *only = c->filter;
     FILE *table = c->log_path && strcmp(c->log_path, "-") == 0 ? stderr : stdout;
+    mk_result_t result;
+    int ran = 0;
     *interrupted = 0;
+    memset(&result, 0, sizeof result);
     for (int i = 0; i < MK_FILTERS && !*interrupted; i++) {
-        mk_result_t result;
         if (only && only != &mk_filters[i]) continue;
         c->filter = &mk_filters[i];
-        const int status = mk_campaign_run(c, source, &result, error);
+        if (ran) mk_result_free(&result);
+        const int status = mk_campaign_run(c, source, team, &result, error);
         if (status) return status;
-        if (json_array_size(filters) == 0) print_head(table, c, source);
-        print_row(table, c, &result);
-        (void)json_array_append_new(filters, make_json(c, &result));
         *interrupted = result.interrupted;
-        mk_result_free(&result);
+        if (team->rank > 0) {
+            ran = 1;
+            continue;
+        }
+        if (!ran) mk_report_head(table, c, source, team);
+        mk_report_row(table, c, &result);
+        (void)json_array_append_new(filters, mk_report_filter(c, &result));
+        ran = 1;
     }
-    if (*interrupted) (void)fputs("interrupted: the figures are of the runs that were complete\n", table);
-    if (source->dropped_readings)
-        (void)fprintf(table, "\n%d readings with some of their rows missing were left out whole.\n", source->dropped_readings);
+    if (team->rank == 0) mk_report_foot(table, c, source, team, &result);
+    mk_result_free(&result);
     return 0;
 }
 
-static int simulate(mk_campaign_t *c, mk_source_t *source, const char *json, mk_error_t *error) {
+static int simulate(mk_campaign_t *c, const mk_source_t *source, mk_team_t *team, const char *json, int *interrupted, mk_error_t *error) {
     json_t *filters = json_array();
     mk_output_t file;
-    int interrupted = 0;
+    const int writes = json && team->rank == 0;
     /* The summary's place is tried before hours are spent on what goes there. */
-    int status = json && !mk_open_output(&file, json, error) ? MK_EXIT_INPUT : 0;
-    if (!status) {
+    const int opened = !writes || mk_open_output(&file, json, error);
+    int status = team->agree(team, opened, error) ? 0 : MK_EXIT_INPUT;
+    if (!status) status = run_filters(c, source, team, filters, interrupted, error);
+    if (writes && opened) {
         mk_error_t file_error;
-        status = run_filters(c, source, filters, &interrupted, error);
-        if (json) {
-            json_t *summary = make_summary(c, source, json_incref(filters));
-            if (!status) (void)json_dumpf(summary, file.stream, JSON_INDENT(1) | JSON_REAL_PRECISION(17));
-            json_decref(summary);
-            if (!mk_close_output(&file, !status, &file_error)) {
-                *error = file_error;
-                status = MK_EXIT_FAILED;
-            }
+        json_t *summary = mk_report_summary(c, source, team, json_incref(filters));
+        if (!status) (void)json_dumpf(summary, file.stream, JSON_INDENT(1) | JSON_REAL_PRECISION(17));
+        json_decref(summary);
+        if (!mk_close_output(&file, !status, &file_error)) {
+            *error = file_error;
+            status = MK_EXIT_FAILED;
         }
     }
     json_decref(filters);
-    if (status) return mk_complain(error, status);
-    return interrupted ? MK_EXIT_FAILED : 0;
+    return status;
 }
 
-int mk_command_simulate(int argc, char **argv) {
+int mk_command_simulate(int argc, char **argv, struct mk_team *given) {
+    mk_team_t *team = given ? given : &mk_team_alone;
     mk_error_t error;
     arguments_t a;
     mk_scenario_t scenario;
     mk_campaign_t c;
     mk_source_t source;
+    char identity[512] = "", shares[640];
     const char *path;
+    int interrupted = 0, status = MK_EXIT_INPUT;
     memset(&a, 0, sizeof a);
     memset(&c, 0, sizeof c);
-    if (!read_arguments(argc, argv, &a, &path, &error) || !mk_scenario_load(&scenario, path, &error)) return mk_complain(&error, MK_EXIT_INPUT);
-    int good = set_campaign(&c, &a, &scenario, &error);
-    if (good && a.measurements) {
-        good = mk_source_record(&source, &scenario, a.measurements, a.truth, a.steps ? c.steps : 0, &error);
-        if (good) c.steps = source.steps;
-    } else if (good) {
-        mk_source_draw(&source, &scenario, c.seed);
-    }
-    int status = MK_EXIT_INPUT;
+    memset(&scenario, 0, sizeof scenario);
+    memset(&source, 0, sizeof source);
+    int good = read_arguments(argc, argv, team->ranks == 1, &a, &path, &error) && mk_scenario_load(&scenario, path, &error) &&
+               set_campaign(&c, &a, &scenario, team, &error) && open_source(&source, &c, &a, &error);
+    if (good) identify(identity, sizeof identity, &c, &source);
+    (void)snprintf(shares, sizeof shares, "%s filter %s runs %d split %d out %d json %d resume %d", identity, a.filter ? a.filter : "", c.runs,
+                   c.split_nodes, a.out != NULL, a.json != NULL, a.resume != NULL);
+    good = team->agree(team, good, &error) && team->same(team, shares, "the scenario or an option", &error);
     if (good) {
         mk_catch_signals();
         c.log_path = a.out;
-        c.progress = isatty(STDERR_FILENO) == 1;
-        status = simulate(&c, &source, a.json, &error);
-        mk_source_free(&source);
-    } else {
-        (void)mk_complain(&error, status);
+        c.keep_path = a.resume;
+        c.identity = identity;
+        c.progress = team->rank == 0 && isatty(STDERR_FILENO) == 1;
+        status = simulate(&c, &source, team, a.json, &interrupted, &error);
+        good = status == 0;
     }
+    if (!good && team->rank == 0) (void)mk_complain(&error, status);
+    mk_source_free(&source);
     mk_scenario_free(&scenario);
-    return status;
+    return good && interrupted ? MK_EXIT_FAILED : status;
 }

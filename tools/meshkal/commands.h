@@ -7,7 +7,9 @@
 #include "error.h"
 
 int mk_command_design(int argc, char **argv);
-int mk_command_simulate(int argc, char **argv);
+/* By all processes of a team together; null: this one alone. */
+struct mk_team;
+int mk_command_simulate(int argc, char **argv, struct mk_team *team);
 int mk_command_analyze(int argc, char **argv);
 int mk_command_scenario(int argc, char **argv);
 

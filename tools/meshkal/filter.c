@@ -16,19 +16,19 @@ int mk_filter_find(const char *name, const mk_filter_t **filter, mk_error_t *err
     return *filter || strcmp(name, "all") == 0 || mk_fail(error, "--filter %s: must be kfc, rkfc, kfd, rkfdu, rkfdnu, rkfdnu2 or all", name);
 }
 
-int mk_filter_tolerances(const mk_filter_t *filter, const mk_scenario_t *s, double tolerance, int steps, double *fixed, double **schedule,
-                         mk_error_t *error) {
-    const int estimators = filter->central ? 1 : s->nodes;
+int mk_filter_tolerances(const mk_filter_t *filter, const mk_scenario_t *s, double tolerance, int steps, const mk_topology_t *topology,
+                         int threads, double *fixed, double **schedule, mk_error_t *error) {
+    const int estimators = topology->estimators;
     *schedule = NULL;
     for (int e = 0; e < estimators; e++) fixed[e] = filter->mode == MK_TOLERANCE_GLOBAL ? tolerance : 0.0;
     if (filter->mode == MK_TOLERANCE_SCHEDULE) {
-        *schedule = mk_design_schedule(s, tolerance, steps, error);
+        *schedule = mk_design_schedule(s, tolerance, steps, topology->id, estimators, threads, error);
         return *schedule != NULL;
     }
     if (filter->mode != MK_TOLERANCE_STEADY) return 1;
     mk_design_t design;
-    if (!mk_design_make(&design, s, tolerance, error)) return 0;
-    memcpy(fixed, design.local, (size_t)s->nodes * sizeof *fixed);
+    const int good = mk_design_central(&design, s, tolerance, error) &&
+                     mk_design_local(&design, s, topology->id, estimators, threads, fixed, error);
     mk_design_free(&design);
-    return 1;
+    return good;
 }

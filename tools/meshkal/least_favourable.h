@@ -16,7 +16,7 @@
 
 #include "scenario.h"
 
-/* For t = 0 .. horizon, one after another: Ag, MA = M A' (n x n), N, root_N (lower triangular, N = root root', zero columns where N is
+/* For t = 0 .. horizon, one after another: Ag, MA = M A', N, root_N (all n x n; lower triangular, N = root root', zero columns where N is
    singular) and V(t) (packed) and theta(t), 0 all but V where the tolerance is 0. */
 typedef struct {
     int n, horizon;

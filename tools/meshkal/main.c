@@ -16,6 +16,8 @@ static const char help[] =
     "    --per-step T         also c_k(t) for T steps, into the JSON file\n"
     "    --tolerance C        instead of the scenario's\n"
     "    --c-max none|central|all   guaranteed tolerances (default: all up to 200 nodes, else central)\n"
+    "    --covariances        P and V of every node into the JSON file, above 10 000 nodes, too\n"
+    "    --threads N          (default: all cores)\n"
     "    --allow-unobservable     go on when a node does not see all states\n"
     "\n"
     "meshkal simulate SCENARIO.json [options]    run the node code as a network\n"
@@ -25,9 +27,13 @@ static const char help[] =
     "    --real float32|float64   precision of the nodes (default float64)\n"
     "    --loss P             probability that a message is lost\n"
     "    --measurements FILE.csv  recorded instead of drawn: columns t,node,row,value\n"
-    "    --truth FILE.csv     recorded truth: columns t,state,value\n"
+    "    --truth nominal|least-favourable   model that is drawn from (default nominal)\n"
+    "    --truth FILE.csv     recorded truth of recorded measurements: columns t,state,value\n"
+    "    --horizon T          last step of the least favourable model (default: 100 after the run)\n"
     "    --out FILE           log of the run, CBOR; - is standard output\n"
     "    --json FILE          summary for programs\n"
+    "    --threads N          (default: all cores)\n"
+    "    --resume FILE        complete runs are kept there; a later call goes on, also to more runs\n"
     "\n"
     "meshkal analyze SCENARIO.json [options]     error of every filter when the model errs as badly as c allows, by covariances\n"
     "    --filter F           kfc rkfc kfd rkfdu rkfdnu rkfdnu2 (default rkfdnu2), or all\n"
@@ -54,7 +60,7 @@ static int run(int argc, char **argv) {
         return wants_help ? 0 : MK_EXIT_INPUT;
     }
     if (strcmp(name, "design") == 0) return mk_command_design(argc - 1, argv + 1);
-    if (strcmp(name, "simulate") == 0) return mk_command_simulate(argc - 1, argv + 1);
+    if (strcmp(name, "simulate") == 0) return mk_command_simulate(argc - 1, argv + 1, NULL);
     if (strcmp(name, "analyze") == 0) return mk_command_analyze(argc - 1, argv + 1);
     if (strcmp(name, "scenario") == 0) return mk_command_scenario(argc - 1, argv + 1);
     if (strcmp(name, "--version") == 0) {

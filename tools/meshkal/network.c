@@ -6,8 +6,28 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "parallel.h"
 #include "scenario_read.h"
 #include "sized.h"
+
+/* Estimators that a thread takes at once. */
+#define CHUNK 64
+
+/* The first failure among them. */
+typedef struct {
+    mk_status_t status;
+    int bad;
+} chunk_t;
+
+/* Half a step of some estimators: the incremental one if y is there, else the diffusion. */
+typedef struct {
+    void *network;
+    int begin, end;
+    const double *y;
+    const int *row_first;
+    uint8_t *arrived;
+    const void *halo;
+} phase_t;
 
 #define MK_BITS 32
 #include <meshkal/real.h>

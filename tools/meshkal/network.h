@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: MIT */
-/* A whole network of node filters, one statically sized object for each estimator, in one precision. Runs the library's own steps. */
+/* A network of node filters, or a part of one: one statically sized object for each estimator, in one precision. Runs the library's own
+   steps. */
 #ifndef MESHKAL_NETWORK_H
 #define MESHKAL_NETWORK_H
 
+#include "exact_sum.h"
 #include "node_config.h"
 
 /* What the nodes say of a step, in the network's precision: E numbers each; the estimate E x n; of V the block of the p position states,
@@ -13,25 +15,36 @@ typedef struct {
     uint32_t *nis_rows, *faults;
 } mk_snapshot_t;
 
+/* Sums over estimators of what a step has found. */
+typedef struct {
+    mk_exact_t theta, tolerance, nis, nis_rows;
+} mk_step_sums_t;
+
+/* Estimators are numbered as in the topology. Functions that return a status stop no estimator for the failure of another; *bad is the
+   first that failed. */
 typedef struct {
     size_t real_size;
     const char *name;
-    void *(*open)(const mk_scenario_t *scenario, const mk_topology_t *topology, const double *tolerance);
+    /* threads: how many work on it at once. topology stays the caller's. */
+    void *(*open)(const mk_scenario_t *scenario, const mk_topology_t *topology, const double *tolerance, int threads);
     void (*close)(void *network);
-    /* All nodes to x0, P0. Each returns the first failure and its estimator in *bad. */
+    /* All nodes to x0, P0. */
     mk_status_t (*start)(void *network, int *bad);
     mk_status_t (*set_tolerance)(void *network, const double *tolerance, int *bad);
-    /* arrived, a byte for each slot: in, whether the link works; out, whether a reading was there as well. y: rows of all nodes one
-       after another from row_first[k], NaN in the first row: no reading. */
-    mk_status_t (*incremental)(void *network, const double *y, const int *row_first, uint8_t *arrived, int *bad);
-    mk_status_t (*diffuse)(void *network, const uint8_t *arrived, int *bad);
+    /* Steps of the estimators begin .. end - 1. arrived, a byte for each slot: in, whether the link works; out, whether a reading was there
+       as well. y: rows of all nodes one after another from row_first[k], NaN in the first row: no reading. */
+    mk_status_t (*incremental)(void *network, int begin, int end, const double *y, const int *row_first, uint8_t *arrived, int *bad);
+    /* arrived may be null: no estimates are exchanged. halo: psi of the topology's halo. */
+    mk_status_t (*diffuse)(void *network, int begin, int end, uint8_t *arrived, const void *halo, int *bad);
+    /* psi of some estimators, one after another. */
+    void (*intermediate)(void *network, const int *estimator, int count, void *psi);
     /* estimate as float64, E x n. */
     void (*estimate)(void *network, double *estimate);
     /* Before a step: estimate and covariances. After it: the rest. */
     void (*look_before)(void *network, mk_snapshot_t *snapshot);
     void (*look_after)(void *network, mk_snapshot_t *snapshot);
-    /* Means over estimators of theta and tolerance of the last step. */
-    void (*means)(void *network, double *theta, double *tolerance, double *nis_ratio);
+    /* Adds to the sums of the last step. */
+    void (*add)(void *network, mk_step_sums_t *sums);
 } mk_network_t;
 
 extern const mk_network_t mk_network_f32, mk_network_f64;

@@ -7,9 +7,11 @@
 #include "design.h"
 
 mk_topology_t mk_distributed_topology(const mk_scenario_t *s) {
-    const mk_topology_t topology = {s->nodes, s->first, s->slot, s->weight};
+    const mk_topology_t topology = {s->nodes, s->first, s->slot, s->weight, NULL, NULL, s->nodes, 0, 0, NULL, NULL};
     return topology;
 }
+
+int mk_topology_id(const mk_topology_t *topology, int e) { return topology->id ? topology->id[e] : e; }
 
 mk_topology_t mk_central_topology(const mk_scenario_t *s) {
     int *first = mk_allocate((size_t)s->nodes + 2, sizeof *first), *slot = first + 2;
@@ -17,7 +19,7 @@ mk_topology_t mk_central_topology(const mk_scenario_t *s) {
     first[1] = s->nodes;
     for (int k = 0; k < s->nodes; k++) slot[k] = k;
     weight[0] = 1.0;
-    const mk_topology_t topology = {1, first, slot, weight};
+    const mk_topology_t topology = {1, first, slot, weight, NULL, NULL, 1, 0, 0, NULL, NULL};
     return topology;
 }
 

@@ -7,12 +7,21 @@
 
 #include "scenario.h"
 
-/* Who listens to whom: slots of estimator e are slot[first[e]] .. slot[first[e + 1] - 1]. */
+/* Who listens to whom: slots of estimator e are slot[first[e]] .. slot[first[e + 1] - 1], numbers of nodes. A network may be kept in parts:
+   then id names the estimators of this part, those that hear only their like first. */
 typedef struct {
     int estimators;
     const int *first, *slot;
     const double *weight;
+    const int *id;     /* number of each estimator in the whole network; null: 0, 1, ... */
+    const int *origin; /* where the estimate of each slot is: estimator of this part, or -1 - place in the halo; null: slot */
+    int interior;      /* estimators without a slot in the halo */
+    int halo, sends;   /* nodes whose values come from other parts; values that go to other parts, one for each receiver */
+    const int *halo_node, *send_estimator;
 } mk_topology_t;
+
+/* Number of estimator e in the whole network. */
+int mk_topology_id(const mk_topology_t *topology, int e);
 
 mk_topology_t mk_distributed_topology(const mk_scenario_t *scenario);
 /* One estimator with every node in a slot and all weight on the first. Free with mk_central_free. */

@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 #include "panel.h"
 
-#include <string.h>
-
 /* Lanes of four doubles: one register of AVX2, two of SSE2. Every element is computed by the same operations in the same order whatever the
    unit: no fused multiply-add. */
 #define LANES 4
@@ -57,10 +55,10 @@ INLINE void product(int n, int inner, int width, const double *F, const double *
     if (i < n) product_rows(1, inner, width, F + i * inner, x, onto, y + i * width);
 }
 
-/* `pieces` (a literal, at most 6) lanes of a combined block, from y itself where `onto`. */
-INLINE void combine_lanes(int pieces, size_t size, int count, const int *slot, const double *weight, const double *from, int onto, double *y) {
+/* `pieces` (a literal, at most 6) lanes of a combined block; start may be null. */
+INLINE void combine_lanes(int pieces, size_t size, int count, const int *slot, const double *weight, const double *from, const double *start, double *y) {
     lanes_t sum[6];
-    UNROLL for (int i = 0; i < pieces; i++) sum[i] = onto ? LOAD(y + i * LANES) : (lanes_t){0.0, 0.0, 0.0, 0.0};
+    UNROLL for (int i = 0; i < pieces; i++) sum[i] = start ? LOAD(start + i * LANES) : (lanes_t){0.0, 0.0, 0.0, 0.0};
     for (int l = 0; l < count; l++) {
         const double w = weight[l];
         const double *x = from + (size_t)slot[l] * size;
@@ -69,14 +67,14 @@ INLINE void combine_lanes(int pieces, size_t size, int count, const int *slot, c
     UNROLL for (int i = 0; i < pieces; i++) STORE(y + i * LANES, sum[i]);
 }
 
-/* y (n x width) = sum over the slots of e of weight times block, plus y itself where `onto`. */
-INLINE void combine(const mk_panel_step_t *s, int n, int width, int e, const double *from, int onto, double *y) {
+/* y (n x width) = sum over the slots of e of weight times block, plus start where it is not null. */
+INLINE void combine(const mk_panel_step_t *s, int n, int width, int e, const double *from, const double *start, double *y) {
     const int begin = s->mixing.first[e], count = s->mixing.first[e + 1] - begin, size = n * width;
     const int *slot = s->mixing.slot + begin;
     const double *weight = s->mixing.weight + begin;
     int at = 0;
-    for (; at + 6 * LANES <= size; at += 6 * LANES) combine_lanes(6, (size_t)size, count, slot, weight, from + at, onto, y + at);
-    for (; at < size; at += LANES) combine_lanes(1, (size_t)size, count, slot, weight, from + at, onto, y + at);
+    for (; at + 6 * LANES <= size; at += 6 * LANES) combine_lanes(6, (size_t)size, count, slot, weight, from + at, start ? start + at : NULL, y + at);
+    for (; at < size; at += LANES) combine_lanes(1, (size_t)size, count, slot, weight, from + at, start ? start + at : NULL, y + at);
 }
 
 /* to = from', both width x width. */
@@ -101,8 +99,9 @@ INLINE void first(const mk_panel_step_t *s, int n, int width, int p, const doubl
     double *const mixed = scratch + panel;
     map(s, n, width, p, X, scratch);
     for (int q = 0, e = 0; q < s->shape.panels; q++) {
-        memset(mixed, 0, tile * sizeof *mixed);
-        for (int b = 0; b < s->shape.blocks && e < s->shape.estimators; b++, e++) combine(s, n, width, e, scratch, 0, mixed + b * n * width);
+        int b = 0;
+        for (; b < s->shape.blocks && e < s->shape.estimators; b++, e++) combine(s, n, width, e, scratch, NULL, mixed + b * n * width);
+        for (double *rest = mixed + b * n * width; rest < mixed + tile; rest++) *rest = 0.0;
         transpose(width, mixed, T + (size_t)q * panel + (size_t)p * tile);
     }
 }
@@ -114,8 +113,7 @@ INLINE void second(const mk_panel_step_t *s, int n, int width, int p, double *X,
         double *const here = X + (size_t)p * panel + (size_t)q * tile;
         for (int b = 0; b < s->shape.blocks && e < s->shape.estimators; b++, e++) {
             double *const y = here + b * n * width;
-            memcpy(y, s->Q, (size_t)(n * width) * sizeof *y);
-            combine(s, n, width, e, scratch, 1, y);
+            combine(s, n, width, e, scratch, s->Q, y);
             if (s->rank) product(n, s->rank, width, s->L + (size_t)e * (size_t)(n * s->rank), H, 1, y);
         }
         if (q < p) transpose(width, here, X + (size_t)q * panel + (size_t)p * tile);

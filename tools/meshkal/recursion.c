@@ -6,17 +6,37 @@
 
 #include "dense.h"
 #include "design.h"
+#include "fixed_point.h"
 #include "sized.h"
 
 static size_t packed(int n) { return (size_t)MK_PACKED(n); }
 
-void mk_sensor_matrices(int n, const mk_sensor_t *sensor, double *F, double *S, double *R_inverse) {
+/* room: SENSOR_ROOM(n, rows) numbers. */
+#define SENSOR_ROOM(n, m) ((size_t)((m) * (n)) + packed(n) + 4 * packed(m))
+static void sensor_matrices(int n, const mk_sensor_t *sensor, double *F, double *S, double *R_inverse, double *room) {
     const int m = sensor->rows;
-    double *room = mk_allocate((size_t)(m * n) + packed(n) + 4 * packed(m), sizeof *room);
     double *own_F = room, *own_S = own_F + m * n, *own_R = own_S + packed(n), *work = own_R + packed(m);
     /* The loader has checked R: this cannot fail. */
     (void)mk_rkfd_sensor_f64(n, m, m, sensor->C, sensor->R, F ? F : own_F, S ? S : own_S, R_inverse ? R_inverse : own_R, work);
+}
+
+void mk_sensor_matrices(int n, const mk_sensor_t *sensor, double *F, double *S, double *R_inverse) {
+    double *room = mk_allocate(SENSOR_ROOM(n, sensor->rows), sizeof *room);
+    sensor_matrices(n, sensor, F, S, R_inverse, room);
     free(room);
+}
+
+void mk_neighbourhood_information(const mk_scenario_t *s, long k, double *S) {
+    int rows = 0;
+    for (int i = s->first[k]; i < s->first[k + 1]; i++)
+        if (s->sensor[s->slot[i]].rows > rows) rows = s->sensor[s->slot[i]].rows;
+    double *one = mk_allocate(packed(s->n) + SENSOR_ROOM(s->n, rows), sizeof *one);
+    memset(S, 0, packed(s->n) * sizeof *S);
+    for (int i = s->first[k]; i < s->first[k + 1]; i++) {
+        sensor_matrices(s->n, &s->sensor[s->slot[i]], NULL, one, NULL, one + packed(s->n));
+        for (size_t j = 0; j < packed(s->n); j++) S[j] += one[j];
+    }
+    free(one);
 }
 
 void mk_recursion_open(mk_recursion_t *r, const mk_scenario_t *s, double tolerance) {
@@ -65,25 +85,40 @@ int mk_recursion_step(mk_recursion_t *r) {
     return 1;
 }
 
+/* Largest element of P - Q relative to standard deviations; scale: 1 / those of P. */
+static double distance(int n, const double *P, const double *Q, const double *scale) {
+    double largest = 0.0;
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j <= i; j++) {
+            const double relative = fabs(P[MK_AT(i, j)] - Q[MK_AT(i, j)]) * (scale[i] * scale[j]);
+            if (relative > largest) largest = relative;
+        }
+    return largest;
+}
+
 int mk_recursion_settle(mk_recursion_t *r, long limit) {
     /* Rounding keeps the last digits moving, more so at large c: a change that has stopped shrinking below 1e-11 is one too.
        Cycles, the way in which a large c fails, stay far above. */
     const size_t count = packed(r->n);
-    double *before = mk_allocate(count, sizeof *before), least = (double)INFINITY;
-    long since = 0;
+    const int leaps = r->n <= MK_FIXED_POINT_LARGEST_N;
+    double *before = mk_allocate(2 * count + (size_t)r->n + (leaps ? MK_FIXED_POINT_WORK(r->n) : 0), sizeof *before);
+    double *earlier = before + count, *scale = earlier + count, *work = scale + r->n;
+    double least = (double)INFINITY;
+    long since = 0, next = 16;
     int settled = 0;
     for (long step = 0; step < limit && !settled; step++) {
         memcpy(before, r->P, count * sizeof *before);
         if (!mk_recursion_step(r)) break;
-        double change = 0.0;
-        for (int i = 0; i < r->n; i++)
-            for (int j = 0; j <= i; j++) {
-                const double size = sqrt(r->P[MK_AT(i, i)] * r->P[MK_AT(j, j)]);
-                change = fmax(change, fabs(r->P[MK_AT(i, j)] - before[MK_AT(i, j)]) / size);
-            }
+        for (int i = 0; i < r->n; i++) scale[i] = 1.0 / sqrt(r->P[MK_AT(i, i)]);
+        const double change = distance(r->n, r->P, before, scale);
         since = change < least ? 0 : since + 1;
-        least = fmin(least, change);
+        if (change < least) least = change;
         settled = step > 0 && (change < 1e-15 || (least < 1e-11 && since > 50));
+        if (!leaps || settled || step + 1 < next) continue;
+        /* Where P still moves by its own size, an attempt would be vain. */
+        if (next > 16 && distance(r->n, r->P, earlier, scale) < 0.6) settled = mk_fixed_point(r, earlier, work);
+        memcpy(earlier, r->P, count * sizeof *earlier);
+        next += next / 2;
     }
     free(before);
     return settled;

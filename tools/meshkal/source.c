@@ -2,15 +2,14 @@
 #include "source.h"
 
 #include <math.h>
-#include <meshkal/base.h>
+#include <meshkal/kernels.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "csv.h"
+#include "design.h"
 
 /* Lower triangular L with L L' = S, packed, S positive semidefinite: a pivot lost in rounding gives a zero column. */
-static double *make_root(int n, const double *S) {
-    double *L = mk_allocate((size_t)MK_PACKED(n), sizeof *L);
+static void make_root(int n, const double *S, double *L) {
     for (int i = 0; i < n; i++) {
         double *row = L + i * (i + 1) / 2;
         for (int j = 0; j <= i; j++) {
@@ -21,7 +20,6 @@ static double *make_root(int n, const double *S) {
             else row[i] = sum > 1e-14 * S[i * (i + 1) / 2 + i] ? sqrt(sum) : 0.0;
         }
     }
-    return L;
 }
 
 /* target += L g, g standard normal. */
@@ -32,153 +30,191 @@ static void add_normal(mk_random_t *random, int n, const double *L, double *targ
         for (int j = 0; j <= i; j++) target[i] += L[i * (i + 1) / 2 + j] * g[j];
 }
 
-static void open_source(mk_source_t *source, const mk_scenario_t *s) {
+/* target += M v, M rows x columns. */
+static void add_product(int rows, int columns, const double *M, const double *v, double *target) {
+    for (int i = 0; i < rows; i++)
+        for (int j = 0; j < columns; j++) target[i] += M[i * columns + j] * v[j];
+}
+
+const char *mk_truth_name(mk_truth_t truth) {
+    static const char *const name[] = {"nominal", "least-favourable", "recorded"};
+    return name[truth];
+}
+
+void mk_source_open(mk_source_t *source, const mk_scenario_t *s, mk_truth_t truth) {
     memset(source, 0, sizeof *source);
     source->scenario = s;
+    source->truth = truth;
     source->row_first = mk_allocate((size_t)s->nodes + 1, sizeof *source->row_first);
     for (int k = 0; k < s->nodes; k++) source->row_first[k + 1] = source->row_first[k] + s->sensor[k].rows;
-    source->x = mk_allocate((size_t)s->n, sizeof *source->x);
-    source->y = mk_allocate((size_t)source->row_first[s->nodes], sizeof *source->y);
 }
 
 void mk_source_draw(mk_source_t *source, const mk_scenario_t *s, uint64_t seed) {
-    open_source(source, s);
+    mk_source_open(source, s, MK_TRUTH_NOMINAL);
     source->seed = seed;
     source->has_truth = 1;
-    source->root_P0 = make_root(s->n, s->P0);
-    source->root_Q = make_root(s->n, s->Q);
-    source->root_R = mk_allocate((size_t)s->nodes, sizeof *source->root_R);
-    for (int k = 0; k < s->nodes; k++) source->root_R[k] = make_root(s->sensor[k].rows, s->sensor[k].R);
-    source->next = mk_allocate((size_t)s->n, sizeof *source->next);
+    source->root_P0 = mk_allocate((size_t)MK_PACKED(s->n), 2 * sizeof *source->root_P0);
+    source->root_Q = source->root_P0 + MK_PACKED(s->n);
+    make_root(s->n, s->P0, source->root_P0);
+    make_root(s->n, s->Q, source->root_Q);
+    source->root_first = mk_allocate((size_t)s->nodes + 1, sizeof *source->root_first);
+    for (int k = 0; k < s->nodes; k++) source->root_first[k + 1] = source->root_first[k] + (size_t)MK_PACKED(s->sensor[k].rows);
+    source->root_R = mk_allocate(source->root_first[s->nodes], sizeof *source->root_R);
+    for (int k = 0; k < s->nodes; k++) make_root(s->sensor[k].rows, s->sensor[k].R, source->root_R + source->root_first[k]);
+}
+
+int mk_source_draw_worst(mk_source_t *source, const mk_scenario_t *s, uint64_t seed, double tolerance, int horizon, mk_error_t *error) {
+    const int n = s->n;
+    mk_source_draw(source, s, seed);
+    source->truth = MK_TRUTH_LEAST_FAVOURABLE;
+    if (!mk_least_favourable_make(&source->worst, s, tolerance, horizon, error)) {
+        mk_source_free(source);
+        return 0;
+    }
+    source->F = mk_allocate((size_t)source->row_first[s->nodes] * (size_t)n, sizeof *source->F);
+    source->S = mk_allocate((size_t)(n * n + MK_PACKED(n)), sizeof *source->S);
+    double *own = source->S + n * n;
+    for (int k = 0; k < s->nodes; k++) {
+        mk_sensor_matrices(n, &s->sensor[k], source->F + (size_t)source->row_first[k] * (size_t)n, own, NULL);
+        for (int i = 0; i < n; i++)
+            for (int j = 0; j < n; j++) source->S[i * n + j] += own[i > j ? MK_AT(i, j) : MK_AT(j, i)];
+    }
+    return 1;
 }
 
 void mk_source_free(mk_source_t *source) {
-    for (int k = 0; source->root_R && k < source->scenario->nodes; k++) free(source->root_R[k]);
-    free(source->root_R);
-    free(source->root_P0);
-    free(source->root_Q);
-    free(source->next);
     free(source->row_first);
-    free(source->x);
-    free(source->y);
+    free(source->root_P0);
+    free(source->root_first);
+    free(source->root_R);
+    if (source->truth == MK_TRUTH_LEAST_FAVOURABLE) mk_least_favourable_free(&source->worst);
+    free(source->F);
+    free(source->S);
     free(source->all_x);
     free(source->all_y);
     memset(source, 0, sizeof *source);
 }
 
-static void draw_step(mk_source_t *source, int run, int t) {
+void mk_stream_open(mk_stream_t *stream, const mk_source_t *source, const mk_topology_t *part, mk_team_t *team) {
+    const mk_scenario_t *s = source->scenario;
+    const size_t n = (size_t)s->n;
+    memset(stream, 0, sizeof *stream);
+    stream->source = source;
+    stream->part = part;
+    stream->team = team;
+    stream->x = mk_allocate(6 * n, sizeof *stream->x);
+    stream->e = stream->x + n;
+    stream->w = stream->e + n;
+    stream->g = stream->w + n;
+    stream->bias = stream->g + n;
+    stream->next = stream->bias + n;
+    stream->y = mk_allocate((size_t)source->row_first[s->nodes], sizeof *stream->y);
+    stream->sum = mk_allocate(n, sizeof *stream->sum);
+}
+
+void mk_stream_close(mk_stream_t *stream) {
+    free(stream->x);
+    free(stream->y);
+    free(stream->sum);
+}
+
+/* x(0) of a run, and the adversary at rest. */
+static void draw_start(mk_stream_t *stream, int run) {
+    const mk_source_t *source = stream->source;
+    const mk_scenario_t *s = source->scenario;
+    mk_random_t random;
+    memcpy(stream->x, s->x0, (size_t)s->n * sizeof *stream->x);
+    mk_random_start(&random, source->seed, (uint32_t)run, 0, 0, MK_DRAW_INITIAL);
+    add_normal(&random, s->n, source->root_P0, stream->x);
+    for (int i = 0; i < s->n; i++) stream->e[i] = stream->x[i] - s->x0[i];
+    memset(stream->w, 0, 3 * (size_t)s->n * sizeof *stream->w); /* w, g, bias */
+    memset(stream->sum, 0, (size_t)s->n * sizeof *stream->sum);
+}
+
+/* x(t) from x(t - 1) and w(t - 1), of which the adversary's part stands in w. */
+static void draw_state(mk_stream_t *stream, int run, int t) {
+    const mk_source_t *source = stream->source;
     const mk_scenario_t *s = source->scenario;
     const int n = s->n;
     mk_random_t random;
-    double *x = source->x, *next = source->next;
-    if (t == 0) {
-        memcpy(x, s->x0, (size_t)n * sizeof *x);
-        mk_random_start(&random, source->seed, (uint32_t)run, 0, 0, MK_DRAW_INITIAL);
-        add_normal(&random, n, source->root_P0, x);
-    } else {
-        for (int i = 0; i < n; i++) {
-            next[i] = s->input[i];
-            for (int j = 0; j < n; j++) next[i] += s->A[i * n + j] * x[j];
-        }
-        mk_random_start(&random, source->seed, (uint32_t)run, 0, (uint32_t)t - 1, MK_DRAW_PROCESS);
-        add_normal(&random, n, source->root_Q, next);
-        memcpy(x, next, (size_t)n * sizeof *x);
+    mk_random_start(&random, source->seed, (uint32_t)run, 0, (uint32_t)t - 1, MK_DRAW_PROCESS);
+    add_normal(&random, n, source->root_Q, stream->w);
+    for (int i = 0; i < n; i++) {
+        stream->next[i] = s->input[i] + stream->w[i];
+        stream->e[i] += stream->w[i];
     }
-    for (int k = 0; k < s->nodes; k++) {
+    add_product(n, n, s->A, stream->x, stream->next);
+    memcpy(stream->x, stream->next, (size_t)n * sizeof *stream->x);
+    memset(stream->w, 0, (size_t)n * sizeof *stream->w);
+}
+
+/* y_k(t) = C_k (x - bias) + v0_k. With an adversary F_k v0_k goes into the sums. */
+static void draw_readings(mk_stream_t *stream, int run, int t) {
+    const mk_source_t *source = stream->source;
+    const mk_scenario_t *s = source->scenario;
+    const int n = s->n, count = stream->part ? stream->part->estimators : s->nodes;
+    for (int i = 0; i < n; i++) stream->next[i] = stream->x[i] - stream->bias[i];
+    for (int i = 0; i < count; i++) {
+        const int k = stream->part ? mk_topology_id(stream->part, i) : i;
         const mk_sensor_t *sensor = &s->sensor[k];
-        double *y = source->y + source->row_first[k];
-        for (int r = 0; r < sensor->rows; r++) {
-            y[r] = 0.0;
-            for (int j = 0; j < n; j++) y[r] += sensor->C[r * n + j] * x[j];
-        }
+        const double *F = source->F ? source->F + (size_t)source->row_first[k] * (size_t)n : NULL;
+        double *y = stream->y + source->row_first[k];
+        mk_random_t random;
+        memset(y, 0, (size_t)sensor->rows * sizeof *y);
         mk_random_start(&random, source->seed, (uint32_t)run, (uint32_t)k, (uint32_t)t, MK_DRAW_MEASUREMENT);
-        add_normal(&random, sensor->rows, source->root_R[k], y);
+        add_normal(&random, sensor->rows, source->root_R + source->root_first[k], y);
+        for (int r = 0; F && r < sensor->rows; r++)
+            for (int j = 0; j < n; j++) mk_exact_add(&stream->sum[j], F[r * n + j] * y[r]);
+        add_product(sensor->rows, n, sensor->C, stream->next, y);
     }
 }
 
-void mk_source_step(mk_source_t *source, int run, int t) {
+/* g ~ N(N Ag e, N) and what it displaces. */
+static void draw_adversary(mk_stream_t *stream, int run, int t) {
+    const mk_least_favourable_t *worst = &stream->source->worst;
+    const int n = worst->n;
+    const size_t square = (size_t)t * (size_t)(n * n);
+    mk_random_t random;
+    memset(stream->g, 0, 3 * (size_t)n * sizeof *stream->g); /* g, bias, next */
+    add_product(n, n, worst->Ag + square, stream->e, stream->next);
+    add_product(n, n, worst->N + square, stream->next, stream->g);
+    mk_random_start(&random, stream->source->seed, (uint32_t)run, 0, (uint32_t)t, MK_DRAW_ADVERSARY);
+    for (int i = 0; i < n; i++) stream->next[i] = mk_random_normal(&random);
+    add_product(n, n, worst->root_N + square, stream->next, stream->g);
+    add_product(n, n, worst->MA + square, stream->g, stream->bias);
+}
+
+/* e(t + 1) = Ag e + w - A M sum F_k v_k, sum F_k v_k = sum F_k v0_k - S bias, but for w0, which draw_state adds. */
+static void move_error(mk_stream_t *stream, int t) {
+    const mk_source_t *source = stream->source;
     const mk_scenario_t *s = source->scenario;
-    if (!source->recorded) {
-        draw_step(source, run, t);
+    const int n = s->n;
+    const double *Ag = source->worst.Ag + (size_t)t * (size_t)(n * n), *MA = source->worst.MA + (size_t)t * (size_t)(n * n);
+    stream->team->sum(stream->team, stream->sum, (size_t)n);
+    memset(stream->next, 0, (size_t)n * sizeof *stream->next);
+    add_product(n, n, Ag, stream->e, stream->next);
+    for (int i = 0; i < n; i++) {
+        double heard = mk_exact_value(&stream->sum[i]);
+        for (int j = 0; j < n; j++) heard -= source->S[i * n + j] * stream->bias[j];
+        for (int j = 0; j < n; j++) stream->next[j] -= MA[i * n + j] * heard; /* A M = (M A')' */
+        for (int j = 0; j < n; j++) stream->w[i] += s->Q[i > j ? MK_AT(i, j) : MK_AT(j, i)] * stream->g[j];
+    }
+    memcpy(stream->e, stream->next, (size_t)n * sizeof *stream->e);
+    memset(stream->sum, 0, (size_t)n * sizeof *stream->sum);
+}
+
+void mk_stream_step(mk_stream_t *stream, int run, int t) {
+    const mk_source_t *source = stream->source;
+    const mk_scenario_t *s = source->scenario;
+    const size_t rows = (size_t)source->row_first[s->nodes], n = (size_t)s->n;
+    if (source->truth == MK_TRUTH_RECORDED) {
+        memcpy(stream->x, source->all_x + (size_t)t * n, n * sizeof *stream->x);
+        memcpy(stream->y, source->all_y + (size_t)t * rows, rows * sizeof *stream->y);
         return;
     }
-    const size_t rows = (size_t)source->row_first[s->nodes], n = (size_t)s->n;
-    memcpy(source->x, source->all_x + (size_t)t * n, n * sizeof *source->x);
-    memcpy(source->y, source->all_y + (size_t)t * rows, rows * sizeof *source->y);
-}
-
-static double *all_missing(size_t count) {
-    double *values = mk_allocate(count, sizeof *values);
-    for (size_t i = 0; i < count; i++) values[i] = (double)NAN;
-    return values;
-}
-
-static int store(const mk_csv_t *csv, size_t i, double *place, mk_error_t *error) {
-    if (!isnan(*place)) return mk_fail(error, "%s:%ld: a second value for the same place", csv->path, csv->line[i]);
-    *place = csv->value[i * (size_t)csv->columns + (size_t)csv->columns - 1];
-    return 1;
-}
-
-/* Column `column` of row i as an integer from 0 to limit - 1. */
-static int whole(const mk_csv_t *csv, size_t i, int column, const char *name, int limit, int *result, mk_error_t *error) {
-    const double value = csv->value[i * (size_t)csv->columns + (size_t)column];
-    if (!(value >= 0.0 && value < limit && value == floor(value)))
-        return mk_fail(error, "%s:%ld: %s is %.15g: must be an integer from 0 to %d", csv->path, csv->line[i], name, value, limit - 1);
-    *result = (int)value;
-    return 1;
-}
-
-/* A node's reading is used whole: one with rows missing is dropped. */
-static void drop_partial(mk_source_t *source) {
-    const mk_scenario_t *s = source->scenario;
-    const size_t rows = (size_t)source->row_first[s->nodes];
-    for (int t = 0; t < source->steps; t++)
-        for (int k = 0; k < s->nodes; k++) {
-            double *y = source->all_y + (size_t)t * rows + source->row_first[k];
-            int missing = 0;
-            for (int r = 0; r < s->sensor[k].rows; r++) missing += isnan(y[r]);
-            if (missing == 0 || missing == s->sensor[k].rows) continue;
-            source->dropped_readings++;
-            for (int r = 0; r < s->sensor[k].rows; r++) y[r] = (double)NAN;
-        }
-}
-
-int mk_source_record(mk_source_t *source, const mk_scenario_t *s, const char *measurements, const char *truth, int steps,
-                     mk_error_t *error) {
-    static const char *const y_names[] = {"t", "node", "row", "value"}, *const x_names[] = {"t", "state", "value"};
-    open_source(source, s);
-    source->recorded = 1;
-    mk_csv_t y_file = {0}, x_file = {0};
-    int good = mk_csv_read(&y_file, measurements, 4, y_names, error);
-    if (good && truth) good = mk_csv_read(&x_file, truth, 3, x_names, error);
-    source->has_truth = truth != NULL;
-    const size_t rows = (size_t)source->row_first[s->nodes];
-    int last = -1, t = 0, node = 0, row = 0, state = 0;
-    for (size_t i = 0; i < y_file.rows && good; i++) {
-        good = whole(&y_file, i, 0, "t", 1000000000, &t, error);
-        if (t > last) last = t;
-    }
-    if (good && last < 0) good = mk_fail(error, "%s: no measurements", measurements);
-    source->steps = steps > 0 ? steps : last + 1;
-    if (good && (double)source->steps * ((double)rows + s->n) > 4e9)
-        good = mk_fail(error, "%s: t up to %d for %zu rows does not fit in memory", measurements, last, rows);
-    if (good) {
-        source->all_y = all_missing((size_t)source->steps * rows);
-        source->all_x = all_missing((size_t)source->steps * (size_t)s->n);
-    }
-    for (size_t i = 0; i < y_file.rows && good; i++) {
-        good = whole(&y_file, i, 0, "t", 1000000000, &t, error) && whole(&y_file, i, 1, "node", s->nodes, &node, error) &&
-               whole(&y_file, i, 2, "row", s->sensor[node].rows, &row, error);
-        if (good && t < source->steps)
-            good = store(&y_file, i, source->all_y + (size_t)t * rows + source->row_first[node] + row, error);
-    }
-    for (size_t i = 0; i < x_file.rows && good; i++) {
-        good = whole(&x_file, i, 0, "t", 1000000000, &t, error) && whole(&x_file, i, 1, "state", s->n, &state, error);
-        if (good && t < source->steps) good = store(&x_file, i, source->all_x + (size_t)t * (size_t)s->n + state, error);
-    }
-    mk_csv_free(&y_file);
-    mk_csv_free(&x_file);
-    if (good) drop_partial(source);
-    else mk_source_free(source);
-    return good;
+    if (t == 0) draw_start(stream, run);
+    else draw_state(stream, run, t);
+    if (source->truth == MK_TRUTH_LEAST_FAVOURABLE) draw_adversary(stream, run, t);
+    draw_readings(stream, run, t);
+    if (source->truth == MK_TRUTH_LEAST_FAVOURABLE) move_error(stream, t);
 }

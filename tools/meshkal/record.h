@@ -1,0 +1,36 @@
+/* SPDX-License-Identifier: MIT */
+/* What a run leaves behind, and the figures of many runs. */
+#ifndef MESHKAL_RECORD_H
+#define MESHKAL_RECORD_H
+
+#include <stddef.h>
+
+/* One block of `count` numbers, all of them means over the run: over its steps, the second half of them where "steady". Squares are of errors
+   x - xh. NaN without truth or position. */
+typedef struct {
+    int n, steps, estimators;
+    size_t count;
+    double *value;
+    double *steady, *position_steady; /* mean over estimators of the squared deviation; of the position states */
+    double *theta, *tolerance, *nis_ratio; /* steady; nis divided by its degrees of freedom */
+    double *state_square;                  /* each state, over all steps and estimators of which the truth is known */
+    double *msd, *position_msd;            /* over time, mean over estimators */
+    double *node_msd;                      /* steady, one an estimator */
+} mk_record_t;
+
+void mk_record_open(mk_record_t *record, int n, int steps, int estimators);
+void mk_record_close(mk_record_t *record);
+
+/* Mean and sum of squared differences from it, updated run by run (Welford): the same bits for the same runs in the same order. */
+typedef struct {
+    int runs;
+    mk_record_t mean, squares;
+} mk_statistics_t;
+
+void mk_statistics_open(mk_statistics_t *statistics, int n, int steps, int estimators);
+void mk_statistics_close(mk_statistics_t *statistics);
+void mk_statistics_add(mk_statistics_t *statistics, const double *value);
+/* After the last run: half-widths of 95 % confidence intervals of the means (Student) in place of the squares; NaN for fewer than two runs. */
+void mk_statistics_finish(mk_statistics_t *statistics);
+
+#endif
