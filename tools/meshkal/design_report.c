@@ -4,6 +4,7 @@
 #include <jansson.h>
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 #include <sys/resource.h>
 
 #include "json_out.h"
@@ -93,14 +94,24 @@ int mk_write_design(FILE *stream, const mk_design_results_t *r, mk_error_t *erro
 
 /* --- table ----------------------------------------------------------------------------------------------------------------- */
 
-/* Peak memory is of the whole process; Linux counts it in KiB. */
-static void print_cost(const mk_design_results_t *r) {
+/* Peak resident memory of this process in bytes, 0 if unknown. Of getrusage, which counts in KiB, only where there is no better: on Linux
+   it does not forget the program that started this one. */
+static double peak_memory(void) {
+    char line[256];
+    double kilobytes = 0.0;
     struct rusage usage;
+    FILE *status = fopen("/proc/self/status", "r");
+    while (status && fgets(line, sizeof line, status))
+        if (strncmp(line, "VmHWM:", 6) == 0) kilobytes = strtod(line + 6, NULL);
+    if (status) (void)fclose(status);
+    if (kilobytes <= 0.0 && getrusage(RUSAGE_SELF, &usage) == 0) kilobytes = (double)usage.ru_maxrss;
+    return 1024.0 * kilobytes;
+}
+
+static void print_cost(const mk_design_results_t *r) {
+    const double bytes = peak_memory();
     (void)printf("read in %.2f s, designed in %.2f s on %d thread%s", r->loaded, r->seconds, r->threads, r->threads > 1 ? "s" : "");
-    if (getrusage(RUSAGE_SELF, &usage) == 0) {
-        const double bytes = 1024.0 * (double)usage.ru_maxrss;
-        (void)printf("; peak memory %.0f MB, %.0f bytes a node", 1e-6 * bytes, bytes / r->scenario->nodes);
-    }
+    if (bytes > 0.0) (void)printf("; peak memory %.0f MB, %.0f bytes a node", 1e-6 * bytes, bytes / r->scenario->nodes);
     (void)puts("");
 }
 
