@@ -27,6 +27,8 @@ typedef struct {
     mk_status_t (*diffuse)(void *network, const uint8_t *arrived, int *bad);
     /* estimate as float64, E x n. */
     void (*estimate)(void *network, double *estimate);
+    /* Normalised errors squared (x - xh)' V^-1 (x - xh) of all estimators, before a step. */
+    void (*nees)(void *network, const double *x, double *nees);
     /* Before a step: estimate and covariances. After it: the rest. */
     void (*look_before)(void *network, mk_snapshot_t *snapshot);
     void (*look_after)(void *network, mk_snapshot_t *snapshot);
