@@ -123,9 +123,10 @@ def test_outside_the_domain(lib):
         assert all(np.isnan(lib(name)(*a)) for a in ((1, 0), (1, -1), (nan, 1), (1, nan)))
     for name in ("chi_square_quantile", "chi_square_tail_quantile", "student_quantile"):
         assert all(np.isnan(lib(name)(*a)) for a in ((0.5, 0), (0.5, -1), (nan, 1), (0.5, nan), (-0.1, 3), (1.1, 3)))
-    assert all(np.isnan(lib("digamma")(x)) for x in (0, -1.5, nan))
+    assert all(np.isnan(lib(name)(x)) for name in ("digamma", "trigamma") for x in (0, -1.5, nan))
 
 
 def test_digamma(lib):
     for x in [1e-8, 0.01, 0.5, 1, 1.4616321449683623, 1.5, 2, 3, 7.5, 9.99, 10, 17.5, 100, 1e4, 1e9]:
         assert lib("digamma")(x) == pytest.approx(special.digamma(x), rel=1e-14, abs=1e-14)
+        close(lib("trigamma")(x), special.polygamma(1, x), 1e-13)

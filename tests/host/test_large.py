@@ -240,8 +240,8 @@ def test_bytes_a_node(program, run, tmp_path, sanitized):
                 seen = max(seen, *(1024 * int(kb) for kb in re.findall(r"VmHWM:\s+(\d+) kB", status)), 0)
             assert job.returncode == 0
             said.seek(0)
-            megabytes, each = (int(v) for v in re.search(r"peak memory (\d+) MB, (\d+) bytes a node", said.read()).groups())
+            mebibytes, each = (int(v) for v in re.search(r"peak memory (\d+) MiB, (\d+) bytes a node", said.read()).groups())
         # The last look may have come before the last page.
-        assert 0.8 * 1e6 * megabytes - 1e6 <= seen <= 1e6 * (megabytes + 1) and each * count == pytest.approx(1e6 * megabytes, abs=1e6)
+        assert 0.8 * 2**20 * mebibytes - 2**20 <= seen <= 2**20 * (mebibytes + 1) and each * count == pytest.approx(2**20 * mebibytes, abs=2**20)
         peak.append(each * count)
     assert (peak[1] - peak[0]) / (nodes[1] - nodes[0]) < 650
