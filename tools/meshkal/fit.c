@@ -263,7 +263,7 @@ static int fit_blocks(mk_fit_t *fit, block_t *block, const mk_source_t *source, 
         fit->left_out += !fit->block[fit->blocks].enough;
         fit->blocks++;
     }
-    if (fit->blocks == fit->left_out)
+    if (fit->left_out == s->nodes)
         return mk_fail(error, "%s: no node has enough readings: one of %d rows needs at least %d", measurements, block[1].rows, block[1].rows + 3);
     const int joint = fit_joint(fit, block + !process, measurements, error);
     fit->joint = joint > 0;
