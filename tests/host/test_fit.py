@@ -69,7 +69,7 @@ def check_law(block, raw, bias, variance, rel=1e-9):
     assert got == pytest.approx([raw, raw - bias, raw * nu / bias, nu, stats.chi2.sf(raw * nu / bias, nu)], rel=rel, abs=1e-12)
 
 
-@pytest.mark.parametrize("seed,missing,wrong", [(1, False, False), (2, True, False), (3, False, True), (4, True, True)])
+@pytest.mark.parametrize("seed,missing,wrong", [(1, False, False), (6, False, False), (2, True, False), (3, False, True), (4, True, True)])
 def test_numbers(fit, seed, missing, wrong):
     rng = np.random.default_rng(seed)
     x, y = draw(MIXED, 150, rng, **({"Q": [[0.9, 0.1], [0.1, 0.3]], "bias": {1: 0.3}, "common": 0.3} if wrong else {}))
@@ -100,6 +100,8 @@ def test_numbers(fit, seed, missing, wrong):
     assert f["blocks_rejected"] == (holm < 0.05).sum() and f["consistent"] == (f["all"]["p"] >= 0.05)
     assert f["consistent"] != wrong and f["tolerance"] == (max(f["all"]["c"], 0) if wrong else 0)
     assert ("verdict           consistent: c = 0" in f["text"]) == f["consistent"]
+    shown = "  c                 0\n    without bias    -" if f["all"]["c"] < 0 else f"  c                 {f['all']['c']:.6g}\n  95 %"
+    assert shown in f["text"]
 
 
 def test_level_and_steps(fit):

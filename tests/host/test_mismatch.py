@@ -103,6 +103,33 @@ def law(U):
     return raw - bias, variance, slope / T, ratio, lags, raw * degrees / bias, degrees, stats.chi2.sf(raw * degrees / bias, degrees)
 
 
+def interval(c_hat, variance, slope, nu, level):
+    """Feldman and Cousins with Pearson's approximation, as the header says: all c that are accepted, by a search for its ends."""
+    error = 1 - level
+    inside, outside = stats.norm.isf([error, error / 2])
+
+    def acceptance(c):
+        """(probability of an estimate as low) - (error on that side), and the same for high."""
+        sd = np.sqrt(variance + slope * c)
+        shift = nu / 2 * slope * c / variance
+        k = (nu + 2 * shift)**3 / (nu + 3 * shift)**2
+        at, s = k + (c_hat - c) / sd * np.sqrt(2 * k), c / sd
+        if s >= outside:
+            d = outside
+        elif s < 1e-12:
+            d = inside
+        else:
+            d = optimize.brentq(lambda d: stats.norm.cdf(d) - stats.norm.cdf(-(s**2 + d**2) / (2 * s)) - level, inside - 1e-9, outside + 1e-9, xtol=1e-13)
+        high = min(stats.norm.sf(d), error)
+        return stats.chi2.cdf(at, k) - (error - high), stats.chi2.sf(at, k) - high
+    start = max(c_hat, 0)
+    top = start + np.sqrt(variance)
+    while acceptance(top)[0] > 0:
+        top = 2 * top + 1e-6
+    low = 0 if acceptance(0)[1] >= 0 else optimize.brentq(lambda c: acceptance(c)[1], 0, start, xtol=1e-13)
+    return low, optimize.brentq(lambda c: acceptance(c)[0], start, top, xtol=1e-13)
+
+
 def autoregressive(rng, T, p, phi):
     phi = np.broadcast_to(phi, p)
     e = rng.standard_normal((T, p)) * np.r_[[np.ones(p)], np.broadcast_to(np.sqrt(1 - phi**2), (T - 1, p))]
@@ -122,6 +149,11 @@ def test_formulas(fit, T, p):
         assert m.signal == pytest.approx(slope, rel=1e-8, abs=1e-10)
         assert (m.statistic, m.nu, m.degrees) == pytest.approx((statistic, degrees, p * (p + 3) / 2), rel=1e-9)
         assert m.p == pytest.approx(probability, rel=1e-9, abs=1e-250)
+        noise = variance**0.5
+        gain = (max(slope, 0) + noise * 4 * ratio / T) / (max(c, 0) + noise)
+        for level in (0.95, 0.6):
+            m = fit(U, level)
+            assert (m.low, m.high) == pytest.approx(interval(c, variance, gain, degrees, level), rel=1e-7, abs=1e-10)
         kinds.add((lags > 0, ratio > 1))
     assert len(kinds) > 1 or T < 60, "the corrections have been seen at work"
 

@@ -44,8 +44,7 @@ static void print_head(const results_t *r) {
     (void)printf("  test of c = 0     chi-square %.2f with %.1f degrees, p = %.3g\n", all->statistic, all->degrees, all->p);
     (void)printf("  verdict           %s\n", f->consistent ? "consistent: c = 0" : "not consistent with the model");
     (void)printf("  tolerance         %.6g\n", f->tolerance);
-    if (m->lags > 0)
-        (void)printf("  correlated in time: %d steps count as %.0f\n", all->steps, 1.0 / m->spread);
+    if (m->lags > 0 && m->spread * all->steps > 1.01) (void)printf("  correlated in time: %d steps count as %.0f\n", all->steps, 1.0 / m->spread);
     if (m->tails_p < 0.0027)
         (void)printf("  tails are not normal: kurtosis %.3f of the normal law's; c does not hold them, the interval is approximate\n", m->kurtosis);
     if (!f->joint)

@@ -219,9 +219,13 @@ static int fit_joint(mk_fit_t *fit, const block_t *block, const char *file, mk_e
 
 static void fit_sum(mk_fit_t *fit) {
     mk_mismatch_t sum;
+    const int parts = fit->blocks - fit->left_out;
     memset(&sum, 0, sizeof sum);
     for (int b = 0; b < fit->blocks; b++)
         if (fit->block[b].enough) mk_mismatch_add(&sum, &fit->block[b].mismatch);
+    /* The least of many probabilities is small by chance. */
+    sum.white_p = fmin(1.0, sum.white_p * parts);
+    sum.tails_p = fmin(1.0, sum.tails_p * parts);
     judge(&fit->all, MK_FIT_ALL, &sum, fit->level);
 }
 
