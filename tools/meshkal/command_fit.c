@@ -35,8 +35,8 @@ static void print_head(const results_t *r) {
     const mk_fit_t *f = &r->fit;
     const mk_fit_block_t *all = &f->all;
     const mk_mismatch_t *m = &all->mismatch;
-    (void)printf("%s: %d nodes, %d states, %d steps, %d of them with all readings; %d residuals a step\n", r->scenario->name[0] ? r->scenario->name : "scenario",
-                 r->scenario->nodes, r->scenario->n, f->steps, f->complete_steps, all->rows);
+    (void)printf("%s: %d nodes, %d states, %d steps, %d of them with all readings; %d residuals a step\n",
+                 r->scenario->name[0] ? r->scenario->name : "scenario", r->scenario->nodes, r->scenario->n, f->steps, f->complete_steps, all->rows);
     (void)printf("c is twice the Kullback-Leibler divergence (nats) of the residuals' normal law from the model's.\n\n");
     (void)printf("  c                 %.6g\n", fmax(all->c, 0.0));
     if (all->c < 0.0) (void)printf("    without bias    %.6g, taken as 0\n", all->c);
@@ -44,13 +44,13 @@ static void print_head(const results_t *r) {
     (void)printf("  test of c = 0     chi-square %.2f with %.1f degrees, p = %.3g\n", all->statistic, all->degrees, all->p);
     (void)printf("  verdict           %s\n", f->consistent ? "consistent: c = 0" : "not consistent with the model");
     (void)printf("  tolerance         %.6g\n", f->tolerance);
-    if (m->lags > 0)
-        (void)printf("  correlated in time: %d steps count as %.0f\n", all->steps, 1.0 / m->spread);
+    if (m->lags > 0 && m->spread * all->steps > 1.01) (void)printf("  correlated in time: %d steps count as %.0f\n", all->steps, 1.0 / m->spread);
     if (m->tails_p < 0.0027)
         (void)printf("  tails are not normal: kurtosis %.3f of the normal law's; c does not hold them, the interval is approximate\n", m->kurtosis);
     if (!f->joint)
         (void)printf("  sum over blocks, taken as independent: a joint fit of %d rows needs %d steps with all readings%s\n", all->rows,
-                     all->rows + MK_FIT_SPARE, f->complete_steps < all->rows + MK_FIT_SPARE ? "" : ", and more of these, correlated in time as they are");
+                     all->rows + MK_FIT_SPARE,
+                     f->complete_steps < all->rows + MK_FIT_SPARE ? "" : ", and more of these, correlated in time as they are");
     if (f->left_out) (void)printf("  %d node%s with too few readings left out\n", f->left_out, f->left_out == 1 ? "" : "s");
     if (r->dropped) (void)printf("  %d readings with some of their rows missing were left out whole\n", r->dropped);
 }

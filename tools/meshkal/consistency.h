@@ -25,7 +25,8 @@ typedef struct {
     mk_mean_t *nis, *nees; /* one an estimator */
 } mk_consistency_t;
 
-/* Runs the node code in float64 over the source, which is recorded with truth in every step. Filters: kfc, kfd, rkfdnu2. 1, or 0 and an error; *result is then empty. */
+/* Runs the node code in float64 over the source, which is recorded with truth in every step. Filters: kfc, kfd, rkfdnu2. 1, or 0 and an
+   error; *result is then empty. */
 int mk_consistency_make(mk_consistency_t *result, const mk_source_t *source, const mk_filter_t *filter, double tolerance, double level,
                         mk_error_t *error);
 void mk_consistency_free(mk_consistency_t *result);

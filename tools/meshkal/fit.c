@@ -75,7 +75,8 @@ static int check_states(const mk_source_t *source, const char *states, mk_error_
         }
     if (t < 0) return 1;
     if (last < t)
-        return mk_fail(error, "%s: no state %d at t = %d: the states end there, the measurements go on to t = %d (--steps %d uses what both have)",
+        return mk_fail(error,
+                       "%s: no state %d at t = %d: the states end there, the measurements go on to t = %d (--steps %d uses what both have)",
                        states, state, t, T - 1, t);
     return mk_fail(error, "%s: state %d at t = %d is missing: every state of every step is needed up to the last measurement, t = %d", states,
                    state, t, T - 1);
@@ -100,8 +101,8 @@ static int process_residuals(block_t *b, const mk_source_t *source, const char *
         const double outside = whiten(b, t, w, size);
         if (outside > OUTSIDE)
             good = mk_fail(error,
-                           "%s: from t = %d to %d the state moves where the process noise Q has rank %d of %d and allows nothing: by %.2g of its size "
-                           "(is the model's A, input or Q another one, or have the states fewer than six digits?)",
+                           "%s: from t = %d to %d the state moves where the process noise Q has rank %d of %d and allows nothing: by %.2g of "
+                           "its size (is the model's A, input or Q another one, or have the states fewer than six digits?)",
                            states, t, t + 1, b->rows, n, outside);
     }
     free(w);
@@ -157,7 +158,8 @@ static int fit_block(mk_fit_block_t *result, const block_t *b, double level, con
     mk_mismatch_t m;
     int good = mk_mismatch_make(&m, used, b->rows, u, NULL, &bad);
     if (!good)
-        (void)mk_fail(error, "%s: the residuals of %s do not vary in all of their %d dimensions: c is infinite (was a value logged that does not move?)",
+        (void)mk_fail(error,
+                      "%s: the residuals of %s do not vary in all of their %d dimensions: c is infinite (was a value logged that does not move?)",
                       file, mk_fit_name(b->node, name), b->rows);
     else if (!isfinite(m.raw)) good = mk_fail(error, "%s: the residuals of %s overflow", file, mk_fit_name(b->node, name));
     if (good) judge(result, b->node, &m, level);
@@ -197,7 +199,9 @@ static int fit_joint(mk_fit_t *fit, const block_t *block, const char *file, mk_e
             int b = 0;
             while (first[b + 1] <= bad) b++;
             result = -1;
-            (void)mk_fail(error, "%s: the residuals of %s follow from those of the blocks before it: c is infinite (are the readings of one sensor logged under two nodes?)",
+            (void)mk_fail(error,
+                          "%s: the residuals of %s follow from those of the blocks before it: c is infinite (are the readings of one sensor "
+                          "logged under two nodes?)",
                           file, mk_fit_name(block[at[b]].node, name));
         } else if (m.lags > 0 && 1.0 / m.spread < MK_FIT_EFFECTIVE * rows) {
             result = 0;
@@ -219,9 +223,13 @@ static int fit_joint(mk_fit_t *fit, const block_t *block, const char *file, mk_e
 
 static void fit_sum(mk_fit_t *fit) {
     mk_mismatch_t sum;
+    const int parts = fit->blocks - fit->left_out;
     memset(&sum, 0, sizeof sum);
     for (int b = 0; b < fit->blocks; b++)
         if (fit->block[b].enough) mk_mismatch_add(&sum, &fit->block[b].mismatch);
+    /* The least of many probabilities is small by chance. */
+    sum.white_p = fmin(1.0, sum.white_p * parts);
+    sum.tails_p = fmin(1.0, sum.tails_p * parts);
     judge(&fit->all, MK_FIT_ALL, &sum, fit->level);
 }
 
@@ -257,13 +265,14 @@ static int fit_blocks(mk_fit_t *fit, block_t *block, const mk_source_t *source, 
     fit->blocks = process;
     for (int k = 0; k < s->nodes; k++) {
         block_t *b = &block[k + 1];
-        if (!open_block(b, k, s->sensor[k].rows, s->sensor[k].R, source->steps)) return mk_fail(error, "the eigenvalues of R of node %d cannot be found", k);
+        if (!open_block(b, k, s->sensor[k].rows, s->sensor[k].R, source->steps))
+            return mk_fail(error, "the eigenvalues of R of node %d cannot be found", k);
         sensor_residuals(b, source);
         if (!fit_block(&fit->block[fit->blocks], b, fit->level, measurements, error)) return 0;
         fit->left_out += !fit->block[fit->blocks].enough;
         fit->blocks++;
     }
-    if (fit->blocks == fit->left_out)
+    if (fit->left_out == s->nodes)
         return mk_fail(error, "%s: no node has enough readings: one of %d rows needs at least %d", measurements, block[1].rows, block[1].rows + 3);
     const int joint = fit_joint(fit, block + !process, measurements, error);
     fit->joint = joint > 0;

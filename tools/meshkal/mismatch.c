@@ -185,7 +185,7 @@ static double influence(const mk_mismatch_t *m, const double *mean, const double
 int mk_mismatch_make(mk_mismatch_t *m, int steps, int rows, const double *u, double *covariance, int *bad) {
     const size_t packed = AT(rows, 0);
     double *mean = doubles((size_t)rows), *v = doubles((size_t)steps * (size_t)rows), *S = doubles(packed), *L = doubles(packed);
-    double *y = doubles((size_t)steps), log_det;
+    double *y = doubles((size_t)steps), log_det = 0.0;
     memset(m, 0, sizeof *m);
     m->steps = steps;
     m->rows = rows;
@@ -194,7 +194,13 @@ int mk_mismatch_make(mk_mismatch_t *m, int steps, int rows, const double *u, dou
     const double trace = moments(steps, rows, u, mean, v, S);
     if (covariance) memcpy(covariance, S, packed * sizeof *S);
     memcpy(L, S, packed * sizeof *S);
-    const int good = mk_log_det(rows, L, &log_det, bad);
+    int good = 1;
+    /* A row that is constant but for rounding. */
+    for (int i = 0; i < rows && good; i++) {
+        *bad = i;
+        good = S[AT(i, i)] > 1e-24 * mean[i] * mean[i];
+    }
+    good = good && mk_log_det(rows, L, &log_det, bad);
     if (good) {
         double square = 0.0, mean_square = 0.0, mean_S_mean = 0.0, fourth, plain, unequal;
         for (int i = 0; i < rows; i++) {
@@ -282,12 +288,13 @@ double mk_mismatch_test(const mk_mismatch_t *m, double *statistic, double *degre
 }
 
 typedef struct {
-    double estimate, variance, slope, degrees, level;
+    double estimate, variance, slope, degrees, error;
+    double one_sided, two_sided; /* normal quantiles */
 } law_t;
 
 /* Probabilities, if c is the truth, of an estimate as low and as high as the one seen; how much of the error probability the high side has. */
 static void tails(const law_t *law, double c, double *as_low, double *as_high, double *share) {
-    const double deviation = sqrt(law->variance + law->slope * c), error = 1.0 - law->level;
+    const double deviation = sqrt(law->variance + law->slope * c);
     const double shift = 0.5 * law->degrees * law->slope * c / law->variance, degrees = pow(law->degrees + 2.0 * shift, 3.0) /
                          pow(law->degrees + 3.0 * shift, 2.0);
     const double z = (law->estimate - c) / deviation;
@@ -295,23 +302,22 @@ static void tails(const law_t *law, double c, double *as_low, double *as_high, d
     *as_high = degrees < 1e6 ? mk_chi_square_tail(degrees + z * sqrt(2.0 * degrees), degrees) : mk_normal_tail(z);
     *as_low = degrees < 1e6 ? mk_chi_square_cdf(degrees + z * sqrt(2.0 * degrees), degrees) : mk_normal_tail(-z);
     /* Feldman and Cousins for a normal estimate of s >= 0: accepted from -(s^2 + d^2) / (2 s) to d standard deviations about s. */
-    const double s = c / deviation, most = -mk_normal_quantile(0.5 * error);
-    double low = -mk_normal_quantile(error), high = most;
-    if (s >= most) low = most;
-    for (int i = 0; i < 60 && s < most && s > 0.0; i++) {
+    const double s = c / deviation;
+    double low = law->one_sided, high = law->two_sided;
+    if (s >= high) low = high;
+    while (s > 0.0 && high - low > 1e-12) {
         const double d = 0.5 * (low + high);
-        if (mk_normal_tail(d) + mk_normal_tail((s * s + d * d) / (2.0 * s)) > error) low = d;
+        if (mk_normal_tail(d) + mk_normal_tail((s * s + d * d) / (2.0 * s)) > law->error) low = d;
         else high = d;
     }
-    *share = fmin(mk_normal_tail(low) / error, 1.0);
+    *share = fmin(mk_normal_tail(low) / law->error, 1.0);
 }
 
 /* Is c in the interval, seen from its lower (side 0) or upper end. */
 static int accepted(const law_t *law, double c, int side) {
     double as_low, as_high, share;
     tails(law, c, &as_low, &as_high, &share);
-    const double error = 1.0 - law->level;
-    return side ? as_low >= error * (1.0 - share) : as_high >= error * share;
+    return side ? as_low >= law->error * (1.0 - share) : as_high >= law->error * share;
 }
 
 static double boundary(const law_t *law, double inside, double outside, int side) {
@@ -326,7 +332,8 @@ static double boundary(const law_t *law, double inside, double outside, int side
 void mk_mismatch_interval(const mk_mismatch_t *m, double level, double *low, double *high) {
     const double estimate = m->raw - m->bias, noise = sqrt(m->variance), limit = 4.0 * m->spread;
     const law_t law = {estimate, m->variance, (fmax(m->signal, 0.0) + noise * limit) / (fmax(estimate, 0.0) + noise),
-                       2.0 * m->bias * m->bias / m->variance, level};
+                       2.0 * m->bias * m->bias / m->variance, 1.0 - level, -mk_normal_quantile(1.0 - level),
+                       -mk_normal_quantile(0.5 * (1.0 - level))};
     const double start = fmax(estimate, 0.0);
     double statistic, degrees, step = noise;
     /* At 0 the test itself decides, so that the two never disagree by rounding. */
