@@ -22,7 +22,7 @@ HOST_SOURCES = $(wildcard port/host/*.c tools/meshkal/*.c)
 HOST_OBJECTS = $(HOST_SOURCES:%.c=$(BUILD)/%.o)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup all run reproduce test bench install uninstall clean
+.PHONY: help setup all mpi run reproduce test bench install uninstall clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -67,7 +67,16 @@ $(PROGRAM): $(HOST_OBJECTS) $(LIBRARY)
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $^ $(HOST_LIBS) -o $@
 
--include $(HOST_OBJECTS:.o=.d) $(BUILD)/src/meshkal/meshkal.d
+# The same program for many processes. The wrapper of Open MPI knows where its headers and libraries are.
+MPI_PROGRAM = $(BUILD)/meshkal-mpi
+MPI_OBJECTS = $(patsubst %.c,$(BUILD)/%.o,$(wildcard tools/meshkal-mpi/*.c))
+$(MPI_OBJECTS): CC := OMPI_CC=$(CC) mpicc
+mpi: $(MPI_PROGRAM) ## build/meshkal-mpi: simulate on many processes (Open MPI)
+$(MPI_PROGRAM): $(MPI_OBJECTS) $(filter-out %/main.o,$(HOST_OBJECTS)) $(LIBRARY)
+	@echo "  LD $@"
+	@OMPI_CC=$(CC) mpicc $(CFLAGS) $^ -lmetis $(HOST_LIBS) -o $@
+
+-include $(MPI_OBJECTS:.o=.d) $(HOST_OBJECTS:.o=.d) $(BUILD)/src/meshkal/meshkal.d
 
 # --- run -------------------------------------------------------------------------------------------------------------------
 
@@ -105,7 +114,7 @@ test: all ## all tests, plain and under ASan and UBSan; last line: N passed, N f
 	  py:pytest-sanitized:$(BUILD)/sanitize/meshkal:tests/reference,tests/host \
 	  $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) sh:tests/package/package.sh
 
-bench: | $(SETUP) ## a node step beside Eigen and LAPACKE: table, and build/bench/bench.json
+bench: | $(SETUP) ## a node step beside Eigen and LAPACKE, analyze against the number of nodes: tables, and build/bench/*.json
 
 # --- install ---------------------------------------------------------------------------------------------------------------
 

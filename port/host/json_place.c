@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "error.h"
+
 static const char *skip_space(const char *p) {
     while (*p == ' ' || *p == '\t' || *p == '\n' || *p == '\r') p++;
     return p;
@@ -44,7 +46,9 @@ static const char *find_member(const char *p, const char *key, size_t length, lo
     p = skip_space(p + 1);
     for (; *p == '"'; index--) {
         const char *name = p + 1, *end = skip_string(p);
-        const char *value = skip_space(skip_space(end) + 1);
+        const char *colon = skip_space(end);
+        if (*colon != ':') return NULL;
+        const char *value = skip_space(colon + 1);
         if (key ? (size_t)(end - name) == length + 1 && strncmp(name, key, length) == 0 : index == 0) {
             *key_place = p;
             return value;
@@ -66,6 +70,40 @@ static const char *find_element(const char *p, long index) {
         p = skip_space(p + 1);
     }
     return NULL;
+}
+
+int mk_json_list(const char *text, const char *key, mk_json_list_t *list) {
+    const char *place;
+    size_t room = 64;
+    memset(list, 0, sizeof *list);
+    const char *p = find_member(skip_space(text), key, strlen(key), 0, &place);
+    if (!p || *p != '[') return 0;
+    list->begin = p;
+    list->place = mk_allocate(2 * room, sizeof *list->place);
+    p = skip_space(p + 1);
+    for (int more = *p != ']'; more;) {
+        if (list->count == room) {
+            const char **larger = realloc(list->place, 2 * (room *= 2) * sizeof *larger);
+            if (!larger) break;
+            list->place = larger;
+        }
+        const char **const element = list->place + 2 * list->count++;
+        element[0] = p;
+        element[1] = strchr(",:]}", *p) ? p : skip_value(p); /* strchr finds the end of the text, too */
+        p = skip_space(element[1]);
+        more = *p == ',';
+        if (element[0] == element[1] || (!more && *p != ']')) break;
+        if (more) p = skip_space(p + 1);
+    }
+    list->end = p + 1;
+    if (*p == ']' && (list->count == 0 || list->place[2 * list->count - 1] != list->place[2 * list->count - 2])) return 1;
+    mk_json_list_free(list);
+    return 0;
+}
+
+void mk_json_list_free(mk_json_list_t *list) {
+    free(list->place);
+    memset(list, 0, sizeof *list);
 }
 
 int mk_json_line(const char *text, const char *path) {

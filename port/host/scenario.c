@@ -12,11 +12,11 @@
 #include "file.h"
 #include "json_place.h"
 #include "scenario_graph.h"
+#include "scenario_nodes.h"
 #include "scenario_read.h"
 
 static const char *const top_keys[] = {"name", "model", "nodes", "edges", "weights", "tolerance", "steps", "seed", NULL};
 static const char *const model_keys[] = {"A", "Q", "input", "x0", "P0", "dt_s", "position_states", NULL};
-static const char *const node_keys[] = {"C", "R", "position_m", NULL};
 
 static int read_model(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
     json_t *model = mk_read_member(reader, root, "", "model", 1);
@@ -28,18 +28,17 @@ static int read_model(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
         return mk_read_bad(reader, "model.A", "has %zu rows; at most %d states", json_array_size(A), MK_LARGEST_STATE);
     s->n = (int)json_array_size(A);
     const int n = s->n;
-    if (!(s->A = mk_read_matrix(reader, A, "model.A", n, n))) return 0;
-    if (!(s->Q = mk_read_symmetric(reader, Q, "model.Q", n, 0))) return 0;
+    s->A = mk_allocate((size_t)(n * n), sizeof *s->A);
+    s->Q = mk_allocate((size_t)(n * (n + 1) / 2), sizeof *s->Q);
+    if (!mk_read_matrix(reader, A, "model.A", n, n, s->A) || !mk_read_symmetric(reader, Q, "model.Q", n, 0, s->Q)) return 0;
     json_t *input = json_object_get(model, "input"), *x0 = json_object_get(model, "x0"), *P0 = json_object_get(model, "P0");
-    s->input = input ? mk_read_vector(reader, input, "model.input", n) : mk_allocate((size_t)n, sizeof(double));
-    s->x0 = x0 ? mk_read_vector(reader, x0, "model.x0", n) : mk_allocate((size_t)n, sizeof(double));
-    if (!s->input || !s->x0) return 0;
-    if (P0) {
-        if (!(s->P0 = mk_read_symmetric(reader, P0, "model.P0", n, 1))) return 0;
-    } else {
-        s->P0 = mk_allocate((size_t)(n * (n + 1) / 2), sizeof(double));
-        for (int i = 0; i < n; i++) s->P0[i * (i + 1) / 2 + i] = 1.0;
-    }
+    s->input = mk_allocate((size_t)n, sizeof *s->input);
+    s->x0 = mk_allocate((size_t)n, sizeof *s->x0);
+    s->P0 = mk_allocate((size_t)(n * (n + 1) / 2), sizeof *s->P0);
+    for (int i = 0; i < n; i++) s->P0[i * (i + 1) / 2 + i] = 1.0;
+    if ((input && !mk_read_vector(reader, input, "model.input", n, s->input)) || (x0 && !mk_read_vector(reader, x0, "model.x0", n, s->x0)) ||
+        (P0 && !mk_read_symmetric(reader, P0, "model.P0", n, 1, s->P0)))
+        return 0;
     s->dt_s = 1.0;
     json_t *dt = json_object_get(model, "dt_s"), *states = json_object_get(model, "position_states");
     if (dt && (!mk_read_number(reader, dt, "model.dt_s", &s->dt_s) || !(s->dt_s > 0.0)))
@@ -56,42 +55,6 @@ static int read_model(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
         for (int j = 0; j < i; j++)
             if (s->position_states[j] == s->position_states[i])
                 return mk_read_bad(reader, "model.position_states", "names state %d twice", s->position_states[i]);
-    }
-    return 1;
-}
-
-static int read_nodes(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
-    json_t *nodes = mk_read_member(reader, root, "", "nodes", 1);
-    if (!nodes) return 0;
-    if (!json_is_array(nodes) || json_array_size(nodes) == 0) return mk_read_bad(reader, "nodes", "must be an array with at least one node");
-    s->nodes = (int)json_array_size(nodes);
-    s->sensor = mk_allocate((size_t)s->nodes, sizeof *s->sensor);
-    for (int k = 0; k < s->nodes; k++) {
-        json_t *node = json_array_get(nodes, (size_t)k);
-        mk_sensor_t *sensor = &s->sensor[k];
-        char at[64], place[80];
-        (void)snprintf(at, sizeof at, "nodes[%d]", k);
-        if (!mk_read_keys(reader, node, at, node_keys)) return 0;
-        json_t *C = mk_read_member(reader, node, at, "C", 1), *R = mk_read_member(reader, node, at, "R", 1);
-        if (!C || !R) return 0;
-        (void)snprintf(place, sizeof place, "%s.C", at);
-        if (!json_is_array(C) || json_array_size(C) == 0) return mk_read_bad(reader, place, "must be an array of rows");
-        if (json_array_size(C) > MK_LARGEST_STATE)
-            return mk_read_bad(reader, place, "has %zu rows; at most %d", json_array_size(C), MK_LARGEST_STATE);
-        sensor->rows = (int)json_array_size(C);
-        if (!(sensor->C = mk_read_matrix(reader, C, place, sensor->rows, s->n))) return 0;
-        (void)snprintf(place, sizeof place, "%s.R", at);
-        if (!(sensor->R = mk_read_symmetric(reader, R, place, sensor->rows, 1))) return 0;
-        json_t *position = json_object_get(node, "position_m");
-        if (!position) continue;
-        (void)snprintf(place, sizeof place, "%s.position_m", at);
-        const size_t count = json_is_array(position) ? json_array_size(position) : 0;
-        if (count != 2 && count != 3) return mk_read_bad(reader, place, "must be 2 or 3 numbers");
-        double *values = mk_read_vector(reader, position, place, (int)count);
-        if (!values) return 0;
-        memcpy(sensor->position_m, values, count * sizeof *values);
-        sensor->position_count = (int)count;
-        free(values);
     }
     return 1;
 }
@@ -135,25 +98,30 @@ int mk_scenario_load(mk_scenario_t *s, const char *path, mk_error_t *error) {
         mk_scenario_free(s);
         return mk_fail(error, "%s: a zero byte: not a JSON text", path);
     }
+    /* Nodes and edges are parsed one by one: a tree of them all takes twenty times the memory of the scenario. */
+    static const char *const lists[2] = {"nodes", "edges"};
+    mk_elements_t elements[2];
     json_error_t place;
-    json_t *root = json_loadb(s->text, s->text_length, JSON_REJECT_DUPLICATES, &place);
-    if (!root) {
-        mk_scenario_free(s);
-        return mk_fail(error, "%s:%d:%d: %s", path, place.line, place.column, place.text);
+    mk_reader_t reader = {path, s->text, error, 0};
+    json_t *root = mk_read_outline(s->text, s->text_length, lists, elements, 2, &place);
+    const int good = root && mk_read_keys(&reader, root, "", top_keys) && read_model(&reader, root, s) && mk_read_nodes(&reader, root, &elements[0], s) &&
+                     mk_read_graph(&reader, root, &elements[1], s) && read_rest(&reader, root, s) && hash_text(s, error);
+    mk_elements_close(&elements[0]);
+    mk_elements_close(&elements[1]);
+    if (!root || reader.no_json) {
+        /* Where exactly, jansson knows when it has the whole text. */
+        json_decref(root);
+        root = json_loadb(s->text, s->text_length, JSON_REJECT_DUPLICATES, &place);
+        (void)mk_fail(error, "%s:%d:%d: %s", path, place.line, place.column, root ? "cannot be cut into its elements" : place.text);
     }
-    mk_reader_t reader = {path, s->text, error};
-    const int good = mk_read_keys(&reader, root, "", top_keys) && read_model(&reader, root, s) && read_nodes(&reader, root, s) &&
-                     mk_read_graph(&reader, root, s) && read_rest(&reader, root, s) && hash_text(s, error);
     json_decref(root);
     if (!good) mk_scenario_free(s);
     return good;
 }
 
 void mk_scenario_free(mk_scenario_t *s) {
-    for (int k = 0; s->sensor && k < s->nodes; k++) {
-        free(s->sensor[k].C);
-        free(s->sensor[k].R);
-    }
+    for (int i = 0; s->block && i < s->blocks; i++) free(s->block[i]);
+    free(s->block);
     free(s->name);
     free(s->A);
     free(s->Q);

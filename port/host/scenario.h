@@ -30,6 +30,8 @@ typedef struct {
 
     int nodes;
     mk_sensor_t *sensor;
+    double **block; /* C and R of the sensors, many to a block */
+    int blocks;
     /* Slots of node k: slot[first[k]] .. slot[first[k + 1] - 1], k itself first, then its neighbours ascending. weight[i] is
        w_lk of slot l = slot[i]. */
     int *first, *slot;

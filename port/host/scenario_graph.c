@@ -6,6 +6,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "first_error.h"
+#include "parallel.h"
+
+/* Two slots an edge and one a node are counted in 31 bits. */
+enum { LARGEST = 1000000000 };
+
 static int compare_int(const void *a, const void *b) {
     const int x = *(const int *)a, y = *(const int *)b;
     return (x > y) - (x < y);
@@ -17,30 +23,58 @@ static int bad_edge(mk_reader_t *reader, size_t index, const char *message, int 
     return mk_read_bad(reader, place, message, a, b);
 }
 
-static int read_edges(mk_reader_t *reader, json_t *edges, mk_scenario_t *s) {
-    if (!json_is_array(edges)) return mk_read_bad(reader, "edges", "must be an array of pairs of node numbers");
-    const size_t count = json_array_size(edges);
+typedef struct {
+    const mk_reader_t *reader;
+    const mk_elements_t *edges;
+    int nodes, *end; /* end: two nodes an edge */
+    mk_first_error_t first;
+} edges_t;
+
+static void read_edge(void *context, int worker, long index) {
+    edges_t *e = context;
+    mk_error_t error = {""};
+    mk_reader_t reader = *e->reader;
+    (void)worker;
+    reader.error = &error;
+    if (mk_first_error_before(&e->first, index)) return;
+    json_t *edge = mk_element(e->edges, (size_t)index);
+    int *const end = e->end + 2 * index, good = edge != NULL;
+    for (size_t j = 0; j < 2 && good; j++) {
+        json_t *node = json_is_array(edge) && json_array_size(edge) == 2 ? json_array_get(edge, j) : NULL;
+        good = node && json_is_integer(node) && json_integer_value(node) >= 0 && json_integer_value(node) < e->nodes;
+        if (good) end[j] = (int)json_integer_value(node);
+        else (void)bad_edge(&reader, (size_t)index, "must be two node numbers from %d to %d", 0, e->nodes - 1);
+    }
+    if (good && end[0] == end[1])
+        good = bad_edge(&reader, (size_t)index, "joins node %d to itself: a node hears itself without an edge", end[0], end[0]);
+    json_decref(edge);
+    if (!good) mk_first_error_put(&e->first, index, &error);
+}
+
+static int read_ends(mk_reader_t *reader, const mk_elements_t *edges, int nodes, int *end) {
+    edges_t e = {.reader = reader, .edges = edges, .nodes = nodes, .end = end};
+    mk_first_error_open(&e.first);
+    mk_parallel(mk_cores(), (long)edges->count, read_edge, &e);
+    if (e.first.index >= 0) {
+        json_t *edge = mk_element(edges, (size_t)e.first.index);
+        reader->no_json = !edge;
+        json_decref(edge);
+    }
+    return mk_first_error_close(&e.first, reader->error);
+}
+
+static int read_edges(mk_reader_t *reader, const mk_elements_t *edges, mk_scenario_t *s) {
+    if (!json_is_array(edges->array)) return mk_read_bad(reader, "edges", "must be an array of pairs of node numbers");
+    const size_t count = edges->count;
+    if (count > LARGEST) return mk_read_bad(reader, "edges", "has %zu edges; at most %d", count, LARGEST);
     int *end = mk_allocate(2 * count, sizeof *end);
+    if (!read_ends(reader, edges, s->nodes, end)) {
+        free(end);
+        return 0;
+    }
     s->first = mk_allocate((size_t)s->nodes + 1, sizeof *s->first);
     for (int k = 0; k < s->nodes; k++) s->first[k + 1] = 1;
-    for (size_t i = 0; i < count; i++) {
-        json_t *edge = json_array_get(edges, i);
-        for (size_t j = 0; j < 2; j++) {
-            json_t *node = json_is_array(edge) && json_array_size(edge) == 2 ? json_array_get(edge, j) : NULL;
-            if (!node || !json_is_integer(node) || json_integer_value(node) < 0 || json_integer_value(node) >= s->nodes) {
-                free(end);
-                return bad_edge(reader, i, "must be two node numbers from %d to %d", 0, s->nodes - 1);
-            }
-            end[2 * i + j] = (int)json_integer_value(node);
-        }
-        if (end[2 * i] == end[2 * i + 1]) {
-            const int node = end[2 * i];
-            free(end);
-            return bad_edge(reader, i, "joins node %d to itself: a node hears itself without an edge", node, node);
-        }
-        s->first[end[2 * i] + 1]++;
-        s->first[end[2 * i + 1] + 1]++;
-    }
+    for (size_t i = 0; i < 2 * count; i++) s->first[end[i] + 1]++;
     for (int k = 0; k < s->nodes; k++) {
         if (s->first[k + 1] > UINT16_MAX) {
             const int degree = s->first[k + 1] - 1;
@@ -99,8 +133,13 @@ static void rule_weights(const mk_scenario_t *s, const char *rule, int k, double
 }
 
 static int read_weight_matrix(mk_reader_t *reader, json_t *weights, mk_scenario_t *s) {
-    double *full = mk_read_matrix(reader, weights, "weights", s->nodes, s->nodes);
-    if (!full) return 0;
+    const size_t nodes = (size_t)s->nodes;
+    if (json_array_size(weights) != nodes) return mk_read_bad(reader, "weights", "must be an array of %d rows of %d numbers", s->nodes, s->nodes);
+    double *full = mk_allocate(nodes * nodes, sizeof *full);
+    if (!mk_read_matrix(reader, weights, "weights", s->nodes, s->nodes, full)) {
+        free(full);
+        return 0;
+    }
     char *neighbour = mk_allocate((size_t)s->nodes, 1);
     int good = 1;
     for (int k = 0; k < s->nodes && good; k++) {
@@ -126,9 +165,9 @@ static int read_weight_matrix(mk_reader_t *reader, json_t *weights, mk_scenario_
     return good;
 }
 
-int mk_read_graph(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
-    json_t *edges = mk_read_member(reader, root, "", "edges", 1), *weights = json_object_get(root, "weights");
-    if (!edges || !read_edges(reader, edges, s)) return 0;
+int mk_read_graph(mk_reader_t *reader, json_t *root, const mk_elements_t *edges, mk_scenario_t *s) {
+    json_t *weights = json_object_get(root, "weights");
+    if (!mk_read_member(reader, root, "", "edges", 1) || !read_edges(reader, edges, s)) return 0;
     s->weight = mk_allocate((size_t)s->first[s->nodes], sizeof *s->weight);
     if (json_is_array(weights)) return read_weight_matrix(reader, weights, s);
     const char *rule = weights ? json_string_value(weights) : "relative-degree";

@@ -1,7 +1,9 @@
 /* SPDX-License-Identifier: MIT */
+#define MK_ROLLED
 #include "scenario_read.h"
 
 #include <math.h>
+#include <meshkal/kernels.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -56,48 +58,49 @@ int mk_read_number(mk_reader_t *reader, json_t *value, const char *key, double *
     return isfinite(*number) ? 1 : mk_read_bad(reader, key, "must be finite");
 }
 
-static int read_row(mk_reader_t *reader, json_t *value, const char *key, int count, double *row) {
-    if (!json_is_array(value)) return mk_read_bad(reader, key, "must be an array of %d numbers", count);
-    if (json_array_size(value) != (size_t)count)
-        return mk_read_bad(reader, key, "has %zu entries, not %d", json_array_size(value), count);
+/* Places are spelled out for complaints only: a million nodes have many entries. row < 0: a vector. */
+static int read_row(mk_reader_t *reader, json_t *value, const char *key, int row, int count, double *numbers) {
+    char place[160];
+    if (row < 0) (void)snprintf(place, sizeof place, "%.140s", key);
+    if (!json_is_array(value) || json_array_size(value) != (size_t)count) {
+        if (row >= 0) (void)snprintf(place, sizeof place, "%.120s[%d]", key, row);
+        return json_is_array(value) ? mk_read_bad(reader, place, "has %zu entries, not %d", json_array_size(value), count)
+                                    : mk_read_bad(reader, place, "must be an array of %d numbers", count);
+    }
     for (int i = 0; i < count; i++) {
         json_t *entry = json_array_get(value, (size_t)i);
-        char place[160];
-        (void)snprintf(place, sizeof place, "%.140s[%d]", key, i);
-        if (!mk_read_number(reader, entry, place, &row[i])) return 0;
+        if (json_is_number(entry) && isfinite(numbers[i] = json_number_value(entry))) continue;
+        if (row >= 0) (void)snprintf(place, sizeof place, "%.120s[%d][%d]", key, row, i);
+        else (void)snprintf(place, sizeof place, "%.120s[%d]", key, i);
+        return mk_read_number(reader, entry, place, &numbers[i]);
     }
     return 1;
 }
 
-double *mk_read_vector(mk_reader_t *reader, json_t *value, const char *key, int count) {
-    double *vector = mk_allocate((size_t)count, sizeof *vector);
-    if (read_row(reader, value, key, count, vector)) return vector;
-    free(vector);
-    return NULL;
+int mk_read_vector(mk_reader_t *reader, json_t *value, const char *key, int count, double *vector) {
+    return read_row(reader, value, key, -1, count, vector);
 }
 
-double *mk_read_matrix(mk_reader_t *reader, json_t *value, const char *key, int rows, int columns) {
-    if (!json_is_array(value) || json_array_size(value) != (size_t)rows) {
-        (void)mk_read_bad(reader, key, "must be an array of %d rows of %d numbers", rows, columns);
-        return NULL;
-    }
-    double *matrix = mk_allocate((size_t)rows * (size_t)columns, sizeof *matrix);
-    for (int i = 0; i < rows; i++) {
-        char place[128];
-        (void)snprintf(place, sizeof place, "%.100s[%d]", key, i);
-        if (!read_row(reader, json_array_get(value, (size_t)i), place, columns, matrix + i * columns)) {
-            free(matrix);
-            return NULL;
-        }
-    }
-    return matrix;
+int mk_read_matrix(mk_reader_t *reader, json_t *value, const char *key, int rows, int columns, double *matrix) {
+    if (!json_is_array(value) || json_array_size(value) != (size_t)rows)
+        return mk_read_bad(reader, key, "must be an array of %d rows of %d numbers", rows, columns);
+    for (int i = 0; i < rows; i++)
+        if (!read_row(reader, json_array_get(value, (size_t)i), key, i, columns, matrix + (size_t)i * (size_t)columns)) return 0;
+    return 1;
 }
 
-double *mk_read_symmetric(mk_reader_t *reader, json_t *value, const char *key, int n, int definite) {
-    double *full = mk_read_matrix(reader, value, key, n, n);
-    if (!full) return NULL;
-    double *packed = mk_allocate((size_t)(n * (n + 1) / 2), sizeof *packed);
-    int good = 1;
+/* 1 if S is positive definite beyond doubt: S - n epsilon trace S I has a factor. work: n (n + 1) / 2 numbers. */
+static int surely_definite(int n, const double *S, double *work) {
+    double trace = 0.0;
+    for (int i = 0; i < n; i++) trace += S[MK_AT(i, i)];
+    memcpy(work, S, (size_t)MK_PACKED(n) * sizeof *work);
+    for (int i = 0; i < n; i++) work[MK_AT(i, i)] -= 4.0 * n * 2.3e-16 * trace;
+    return mk_ldl_f64(n, work);
+}
+
+int mk_read_symmetric(mk_reader_t *reader, json_t *value, const char *key, int n, int definite, double *packed) {
+    double *full = mk_allocate((size_t)(n * n + n), sizeof *full), *values = full + n * n;
+    int good = mk_read_matrix(reader, value, key, n, n, full);
     for (int i = 0; i < n && good; i++)
         for (int j = 0; j <= i && good; j++) {
             const double a = full[i * n + j], b = full[j * n + i];
@@ -106,16 +109,49 @@ double *mk_read_symmetric(mk_reader_t *reader, json_t *value, const char *key, i
                 good = mk_read_bad(reader, key, "is not symmetric: entries [%d][%d] and [%d][%d] differ", i, j, j, i);
             packed[i * (i + 1) / 2 + j] = a;
         }
-    if (good) {
-        double *values = mk_allocate((size_t)n, sizeof *values);
+    if (good && !surely_definite(n, packed, full)) {
         good = mk_eigen_symmetric(n, packed, values, NULL);
         const double least = values[0], bound = n * 2.3e-16 * values[n - 1];
         if (!good || (definite ? !(least > bound) : !(least >= -bound) || values[n - 1] < 0.0))
             good = mk_read_bad(reader, key, "is not positive %s: smallest eigenvalue %.3g", definite ? "definite" : "semidefinite", least);
-        free(values);
     }
     free(full);
-    if (good) return packed;
-    free(packed);
-    return NULL;
+    return good;
+}
+
+/* --- arrays without a tree ------------------------------------------------------------------------------------------------- */
+
+json_t *mk_read_outline(const char *text, size_t length, const char *const *key, mk_elements_t *elements, int count, json_error_t *error) {
+    char *outline = mk_allocate(length + 1, 1), *to = outline;
+    const char *from = text;
+    for (int i = 0; i < count; i++) (void)mk_json_list(text, key[i], &elements[i].list);
+    for (;;) {
+        /* The next array to be left out. */
+        const mk_json_list_t *next = NULL;
+        for (int i = 0; i < count; i++)
+            if (elements[i].list.begin && elements[i].list.begin >= from && (!next || elements[i].list.begin < next->begin)) next = &elements[i].list;
+        const size_t piece = next ? (size_t)(next->begin - from) : length - (size_t)(from - text);
+        memcpy(to, from, piece);
+        to += piece;
+        if (!next) break;
+        *to++ = '[';
+        *to++ = ']';
+        from = next->end;
+    }
+    json_t *root = json_loadb(outline, (size_t)(to - outline), JSON_REJECT_DUPLICATES, error);
+    free(outline);
+    for (int i = 0; i < count; i++) {
+        elements[i].array = json_object_get(root, key[i]);
+        elements[i].count = elements[i].list.begin ? elements[i].list.count : json_array_size(elements[i].array);
+    }
+    return root;
+}
+
+void mk_elements_close(mk_elements_t *elements) { mk_json_list_free(&elements->list); }
+
+json_t *mk_element(const mk_elements_t *elements, size_t index) {
+    if (!elements->list.begin) return json_incref(json_array_get(elements->array, index));
+    const char *const *place = elements->list.place + 2 * index;
+    json_error_t error;
+    return json_loadb(place[0], (size_t)(place[1] - place[0]), JSON_REJECT_DUPLICATES | JSON_DECODE_ANY, &error);
 }

@@ -6,12 +6,14 @@
 #include <jansson.h>
 
 #include "error.h"
+#include "json_place.h"
 
 #define MK_LARGEST_STATE 64
 
 typedef struct {
     const char *path, *text;
     mk_error_t *error;
+    int no_json; /* an element of an array turned out to be no JSON: jansson can say why */
 } mk_reader_t;
 
 /* "path:line: key: message" into the reader's error; returns 0. */
@@ -24,10 +26,24 @@ json_t *mk_read_member(mk_reader_t *reader, json_t *object, const char *key, con
 
 /* A finite number. jansson itself refuses numbers beyond the range of double. */
 int mk_read_number(mk_reader_t *reader, json_t *value, const char *key, double *number);
-/* Arrays of numbers, allocated; null with an error. */
-double *mk_read_vector(mk_reader_t *reader, json_t *value, const char *key, int count);
-double *mk_read_matrix(mk_reader_t *reader, json_t *value, const char *key, int rows, int columns);
+/* `count` numbers, and matrices by rows, into places that have room for them. 1, or 0 and an error. */
+int mk_read_vector(mk_reader_t *reader, json_t *value, const char *key, int count, double *vector);
+int mk_read_matrix(mk_reader_t *reader, json_t *value, const char *key, int rows, int columns, double *matrix);
 /* Packed symmetric matrix, positive definite (definite = 1) or semidefinite. */
-double *mk_read_symmetric(mk_reader_t *reader, json_t *value, const char *key, int n, int definite);
+int mk_read_symmetric(mk_reader_t *reader, json_t *value, const char *key, int n, int definite, double *packed);
+
+/* A top-level array, element by element: parsed one at a time where the text can be cut, else out of the tree. */
+typedef struct {
+    mk_json_list_t list;
+    json_t *array; /* of the tree: all of it, or [] where the list has it */
+    size_t count;
+} mk_elements_t;
+
+/* Parses the text but for the elements of the arrays `key`, of which there are `count`. Null and jansson's error if it is no JSON as far as
+   it was looked at. mk_elements_close then frees each. */
+json_t *mk_read_outline(const char *text, size_t length, const char *const *key, mk_elements_t *elements, int count, json_error_t *error);
+void mk_elements_close(mk_elements_t *elements);
+/* Element `index`, to be released with json_decref; null if it is no JSON. Several threads may do this at once. */
+json_t *mk_element(const mk_elements_t *elements, size_t index);
 
 #endif

@@ -167,13 +167,10 @@ static json_t *make_node(const draw_t *d, int k, double side, mk_random_t *rando
     return node;
 }
 
-static json_t *make_scenario(const draw_t *d, uint64_t seed, mk_random_t *random) {
+static json_t *make_model(void) {
     static const double throw_m_s[3] = {20.0, 20.0, 100.0};
     const double delta = 0.1;
-    json_t *root = json_object(), *model = json_object(), *A = identity(6, 1.0), *input = json_array(), *x0 = json_array();
-    json_t *nodes = json_array(), *edges = json_array(), *states = json_array();
-    char name[64];
-    (void)snprintf(name, sizeof name, "projectile-%d-%llu", d->nodes, (unsigned long long)seed);
+    json_t *model = json_object(), *A = identity(6, 1.0), *input = json_array(), *x0 = json_array(), *states = json_array();
     for (size_t i = 0; i < 3; i++) (void)json_array_set_new(json_array_get(A, 3 + i), i, json_real(delta));
     for (int i = 0; i < 6; i++) (void)json_array_append_new(input, json_real(i == 2 ? -10.0 * delta : 0.0));
     /* Errors do not depend on x0: this one makes a throw of 20 s over the field of sensors. */
@@ -186,17 +183,22 @@ static json_t *make_scenario(const draw_t *d, uint64_t seed, mk_random_t *random
     mk_json_set(model, "P0", identity(6, 1.0));
     mk_json_set(model, "dt_s", json_real(delta));
     mk_json_set(model, "position_states", states);
-    for (int k = 0; k < d->nodes; k++) (void)json_array_append_new(nodes, make_node(d, k, 400.0 * sqrt(d->nodes / 20.0), random));
-    for (int e = 0; e < d->edges; e++) (void)json_array_append_new(edges, json_pack("[i,i]", d->edge[2 * e], d->edge[2 * e + 1]));
-    mk_json_set(root, "name", json_string(name));
-    mk_json_set(root, "model", model);
-    mk_json_set(root, "nodes", nodes);
-    mk_json_set(root, "edges", edges);
-    mk_json_set(root, "weights", json_string("relative-degree"));
-    mk_json_set(root, "tolerance", json_real(0.02));
-    mk_json_set(root, "steps", json_integer(200));
-    mk_json_set(root, "seed", json_integer((json_int_t)seed));
-    return root;
+    return model;
+}
+
+/* Node by node: all of them as one tree would take a hundred times the memory of the draw. Errors of standard output are main's to report. */
+static void print_scenario(const draw_t *d, uint64_t seed, mk_random_t *random) {
+    (void)printf("{\"name\":\"projectile-%d-%llu\",\"model\":", d->nodes, (unsigned long long)seed);
+    mk_json_put(stdout, make_model());
+    for (int k = 0; k < d->nodes; k++) {
+        (void)fputs(k ? "," : ",\"nodes\":[", stdout);
+        mk_json_put(stdout, make_node(d, k, 400.0 * sqrt(d->nodes / 20.0), random));
+    }
+    (void)fputs("],\"edges\":[", stdout);
+    for (int e = 0; e < d->edges; e++) (void)printf("%s[%d,%d]", e ? "," : "", d->edge[2 * e], d->edge[2 * e + 1]);
+    (void)printf("],\"weights\":\"relative-degree\",\"tolerance\":");
+    mk_json_put(stdout, json_real(0.02));
+    (void)printf(",\"steps\":200,\"seed\":%llu}\n", (unsigned long long)seed);
 }
 
 int mk_command_scenario(int argc, char **argv) {
@@ -224,13 +226,8 @@ int mk_command_scenario(int argc, char **argv) {
         for (int i = 0; i < 2; i++) d.place[k][i] = mk_random_uniform(&random);
     join_neighbours(&d, density);
     int status = 0;
-    if (draw_pairs(&d, &random)) {
-        json_t *root = make_scenario(&d, (uint64_t)seed, &random);
-        /* Errors of standard output are main's to report. */
-        (void)json_dumpf(root, stdout, JSON_COMPACT | JSON_REAL_PRECISION(17));
-        (void)puts("");
-        json_decref(root);
-    } else {
+    if (draw_pairs(&d, &random)) print_scenario(&d, (uint64_t)seed, &random);
+    else {
         (void)mk_fail(&error, "no draw in %d lets every neighbourhood see all three axes", TRIES);
         status = mk_complain(&error, MK_EXIT_FAILED);
     }

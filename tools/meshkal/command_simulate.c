@@ -155,7 +155,7 @@ int mk_command_simulate(int argc, char **argv, struct mk_team *given) {
     memset(&c, 0, sizeof c);
     memset(&scenario, 0, sizeof scenario);
     memset(&source, 0, sizeof source);
-    int good = read_arguments(argc, argv, team->ranks == 1, &a, &path, &error) && mk_scenario_load(&scenario, path, &error) &&
+    int good = read_arguments(argc, argv, !given, &a, &path, &error) && mk_scenario_load(&scenario, path, &error) &&
                set_campaign(&c, &a, &scenario, team, &error) && open_source(&source, &c, &a, &error);
     if (good) identify(identity, sizeof identity, &c, &source);
     (void)snprintf(shares, sizeof shares, "%s filter %s runs %d split %d out %d json %d resume %d", identity, a.filter ? a.filter : "", c.runs,

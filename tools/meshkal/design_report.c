@@ -13,15 +13,9 @@ static double bound(const mk_admissible_t *a) { return a->count ? a->c[a->count 
 
 /* --- JSON ------------------------------------------------------------------------------------------------------------------ */
 
-/* One value, which is given away. */
-static void put(FILE *stream, json_t *value) {
-    (void)json_dumpf(value, stream, JSON_COMPACT | JSON_ENCODE_ANY | JSON_REAL_PRECISION(17));
-    json_decref(value);
-}
-
 static void put_member(FILE *stream, const char *key, json_t *value) {
     (void)fprintf(stream, ",\n\"%s\":", key);
-    put(stream, value);
+    mk_json_put(stream, value);
 }
 
 static json_t *steady_json(int n, const mk_steady_t *steady, int kept) {
@@ -57,7 +51,7 @@ static int put_schedule(FILE *stream, const mk_design_results_t *r, mk_error_t *
     for (long long t = 0; t < r->steps && good; t++) {
         good = mk_schedule_step(r->schedule, c, error);
         (void)fputs(t ? ",\n" : "\n", stream);
-        if (good) put(stream, mk_json_numbers(c, nodes));
+        if (good) mk_json_put(stream, mk_json_numbers(c, nodes));
     }
     (void)fputs("]", stream);
     free(c);
@@ -68,14 +62,14 @@ int mk_write_design(FILE *stream, const mk_design_results_t *r, mk_error_t *erro
     const mk_scenario_t *s = r->scenario;
     json_t *horizons = json_array();
     (void)fputs("{\"scenario\":", stream);
-    put(stream, json_string(s->name));
+    mk_json_put(stream, json_string(s->name));
     put_member(stream, "scenario_sha256", json_string(s->sha256));
     put_member(stream, "tolerance", json_real(r->design.tolerance));
     put_member(stream, "central", steady_json(s->n, &r->design.central, 1));
     (void)fputs(",\n\"nodes\":[", stream);
     for (int k = 0; k < s->nodes; k++) {
         (void)fputs(k ? ",\n" : "\n", stream);
-        put(stream, node_json(r, k));
+        mk_json_put(stream, node_json(r, k));
     }
     (void)fputs("]", stream);
     put_member(stream, "unobservable", json_integer(r->seen.global));

@@ -3,6 +3,11 @@
 
 #include <math.h>
 
+void mk_json_put(FILE *stream, json_t *value) {
+    (void)json_dumpf(value, stream, JSON_COMPACT | JSON_ENCODE_ANY | JSON_REAL_PRECISION(17));
+    json_decref(value);
+}
+
 void mk_json_set(json_t *object, const char *key, json_t *value) { (void)json_object_set_new(object, key, value); }
 
 json_t *mk_json_number(double value) { return isfinite(value) ? json_real(value) : json_null(); }

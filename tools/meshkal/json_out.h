@@ -7,6 +7,8 @@
 
 #include "file.h"
 
+/* Writes the value, compact, numbers with 17 digits, and releases it. Errors stay in the stream. */
+void mk_json_put(FILE *stream, json_t *value);
 /* object[key] = value, which is given away. */
 void mk_json_set(json_t *object, const char *key, json_t *value);
 /* A number; null if it is not finite, for which JSON has no word. */

@@ -1,0 +1,106 @@
+/* SPDX-License-Identifier: MIT */
+#include "scenario_nodes.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "first_error.h"
+#include "parallel.h"
+
+/* Nodes whose C and R share a block. */
+enum { TOGETHER = 1024 };
+/* Rows and slots of all nodes are counted in 31 bits. */
+enum { LARGEST = 100000000 };
+
+static const char *const node_keys[] = {"C", "R", "position_m", NULL};
+
+typedef struct {
+    const mk_reader_t *reader;
+    const mk_elements_t *elements;
+    mk_scenario_t *scenario;
+    mk_first_error_t first;
+} nodes_t;
+
+static int read_position(mk_reader_t *reader, json_t *position, const char *at, mk_sensor_t *sensor) {
+    char place[80];
+    (void)snprintf(place, sizeof place, "%s.position_m", at);
+    const size_t count = json_is_array(position) ? json_array_size(position) : 0;
+    if (count != 2 && count != 3) return mk_read_bad(reader, place, "must be 2 or 3 numbers");
+    sensor->position_count = (int)count;
+    return mk_read_vector(reader, position, place, (int)count, sensor->position_m);
+}
+
+/* room: what the block holds, in numbers; used: by nodes so far. C and R are places in the block, not yet addresses. */
+static int read_node(mk_reader_t *reader, json_t *node, const char *at, int n, mk_sensor_t *sensor, double **block, size_t *room, size_t *used) {
+    char place[80];
+    if (!mk_read_keys(reader, node, at, node_keys)) return 0;
+    json_t *C = mk_read_member(reader, node, at, "C", 1), *R = mk_read_member(reader, node, at, "R", 1);
+    if (!C || !R) return 0;
+    (void)snprintf(place, sizeof place, "%s.C", at);
+    if (!json_is_array(C) || json_array_size(C) == 0) return mk_read_bad(reader, place, "must be an array of rows");
+    if (json_array_size(C) > MK_LARGEST_STATE)
+        return mk_read_bad(reader, place, "has %zu rows; at most %d", json_array_size(C), MK_LARGEST_STATE);
+    const int rows = sensor->rows = (int)json_array_size(C);
+    const size_t needed = *used + (size_t)(rows * n + rows * (rows + 1) / 2);
+    if (needed > *room) {
+        double *larger = realloc(*block, (*room = 2 * needed) * sizeof *larger);
+        if (!larger) return mk_fail(reader->error, "%s: too large for memory", reader->path);
+        *block = larger;
+    }
+    if (!mk_read_matrix(reader, C, place, rows, n, *block + *used)) return 0;
+    place[strlen(place) - 1] = 'R';
+    if (!mk_read_symmetric(reader, R, place, rows, 1, *block + *used + rows * n)) return 0;
+    *used = needed;
+    json_t *position = json_object_get(node, "position_m");
+    return !position || read_position(reader, position, at, sensor);
+}
+
+static void read_some(void *context, int worker, long index) {
+    nodes_t *nodes = context;
+    mk_scenario_t *s = nodes->scenario;
+    mk_error_t error = {""};
+    mk_reader_t reader = *nodes->reader;
+    size_t room = 0, used = 0;
+    double *block = NULL;
+    const long begin = index * TOGETHER, end = begin + TOGETHER < s->nodes ? begin + TOGETHER : s->nodes;
+    (void)worker;
+    reader.error = &error;
+    for (long k = begin; k < end && !mk_first_error_before(&nodes->first, k); k++) {
+        char at[64];
+        (void)snprintf(at, sizeof at, "nodes[%ld]", k);
+        json_t *node = mk_element(nodes->elements, (size_t)k);
+        const int good = node && read_node(&reader, node, at, s->n, &s->sensor[k], &block, &room, &used);
+        json_decref(node);
+        if (good) continue;
+        mk_first_error_put(&nodes->first, k, &error);
+        break;
+    }
+    double *smaller = used ? realloc(block, used * sizeof *block) : NULL;
+    s->block[index] = block = smaller ? smaller : block;
+    for (long k = begin; k < end && block; k++) {
+        mk_sensor_t *sensor = &s->sensor[k];
+        sensor->C = block;
+        sensor->R = block + sensor->rows * s->n;
+        block += sensor->rows * s->n + sensor->rows * (sensor->rows + 1) / 2;
+    }
+}
+
+int mk_read_nodes(mk_reader_t *reader, json_t *root, const mk_elements_t *elements, mk_scenario_t *s) {
+    if (!mk_read_member(reader, root, "", "nodes", 1)) return 0;
+    if (!json_is_array(elements->array) || elements->count == 0) return mk_read_bad(reader, "nodes", "must be an array with at least one node");
+    if (elements->count > LARGEST) return mk_read_bad(reader, "nodes", "has %zu nodes; at most %d", elements->count, LARGEST);
+    s->nodes = (int)elements->count;
+    s->sensor = mk_allocate((size_t)s->nodes, sizeof *s->sensor);
+    s->blocks = (s->nodes + TOGETHER - 1) / TOGETHER;
+    s->block = mk_allocate((size_t)s->blocks, sizeof *s->block);
+    nodes_t nodes = {.reader = reader, .elements = elements, .scenario = s};
+    mk_first_error_open(&nodes.first);
+    mk_parallel(mk_cores(), s->blocks, read_some, &nodes);
+    if (nodes.first.index >= 0) {
+        json_t *node = mk_element(elements, (size_t)nodes.first.index);
+        reader->no_json = !node;
+        json_decref(node);
+    }
+    return mk_first_error_close(&nodes.first, reader->error);
+}
