@@ -67,8 +67,9 @@ def _save(path: Path, make: Callable, argument: Draw | list[Draw]) -> None:
 
 
 def _line(axes: Axes, name: str, x: np.ndarray, y: np.ndarray, **style: object) -> None:
-    dashes = (0, (4, 3)) if name == "rkfdnu2" else "solid"
-    axes.plot(x, y, **{"color": ON_WHITE[name], "linestyle": dashes, "label": _LABEL[name]} | style)
+    # RKFDNU2 lies on RKFDNU: in dashes, and on top.
+    dashes, order = ((0, (4, 3)), 3) if name == "rkfdnu2" else ("solid", 2)
+    axes.plot(x, y, **{"color": ON_WHITE[name], "linestyle": dashes, "zorder": order, "label": _LABEL[name]} | style)
 
 
 def network(draw: Draw) -> Figure:
@@ -102,7 +103,7 @@ def _measured_axes(scenario: dict, node: dict) -> str:
 
 def msd(draw: Draw) -> Figure:
     figure, axes = plt.subplots()
-    for name in sorted(FILTERS, key=lambda f: -draw.least_favourable[f].msd_db):
+    for name in sorted(FILTERS, key=lambda f: -round(draw.least_favourable[f].msd_db, 3)):
         analysis = draw.least_favourable[name]
         level = f"{analysis.msd_db:.2f}".replace("-", "\N{MINUS SIGN}")
         _line(axes, name, _STEPS, decibels(analysis.msd[_STEPS]), label=f"{_LABEL[name]}  {level} dB")
