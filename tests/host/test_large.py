@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from scipy.optimize import fsolve
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "reference"))
 import reference as ref  # noqa: E402
@@ -108,6 +109,45 @@ def test_cycles_are_refused_where_the_recursion_cycles(run, tmp_path, A, R):
     for c in (many[last + 3], many[last + 8]):
         said = run("design", path, "--tolerance", repr(float(c)), "--c-max", "none", status=2).stderr.decode()
         assert "the centralised filter does not converge" in said
+
+
+def test_a_fixed_point_that_repels_is_not_taken_for_the_answer(run, tmp_path):
+    """Started so that it comes as near as 1e-7 to a fixed point that repels, the recursion then leaves it for a cycle: its approach, and
+    Newton's method, speak for convergence, only the derivative speaks against it."""
+    A, Q, S, c = np.array([[0.2, 0.9], [-0.9, 0.1]]), np.diag([1.0, 0.0]), np.diag([0.1, 0.0]), 0.5
+    lower = np.tril_indices(2)
+
+    def full(p):
+        return np.array([[p[0], p[1]], [p[1], p[2]]])
+
+    def step(p, times=1):
+        for _ in range(times):
+            p = (A @ np.linalg.inv(np.linalg.inv(ref.inflate(full(p), ref.theta_root(full(p), c))) + S) @ A.T + Q)[lower]
+        return p
+
+    rest = fsolve(lambda p: step(p) - p, [7.7, -0.2, 5.2])
+    J = np.array([(step(rest + 1e-6 * e) - step(rest - 1e-6 * e)) / 2e-6 for e in np.eye(3)]).T
+    values, vectors = np.linalg.eig(J)
+    inward, outward = int(np.argmin(abs(values))), int(np.argmax(values.imag))
+    assert abs(values[inward]) < 0.6 and abs(values[outward]) > 1.03
+    part = np.linalg.inv(vectors)[outward]
+
+    def start(ab):
+        return rest + 0.05 * vectors[:, inward].real + ab[0] * vectors[:, outward].real + ab[1] * vectors[:, outward].imag
+
+    def left(ab):
+        left_over = part @ (step(start(ab), 20) - rest) - 1e-7
+        return [left_over.real, left_over.imag]
+
+    first = start(fsolve(left, [0.0, 0.0], xtol=1e-9))
+    away = [np.abs(step(first, t) - rest).max() for t in (14, 22)]
+    assert 1e-9 < away[1] < 0.2 * away[0] < 1e-5
+    V = ref.inflate(full(first), ref.theta_root(full(first), c))
+    P, _ = settle(A, Q, V, S[None], np.array([c]), 2000)
+    assert np.isnan(P).all()
+    write(tmp_path / "net.json", {"model": {"A": A.tolist(), "Q": Q.tolist(), "P0": V.tolist()}, "edges": [], "tolerance": c,
+                                  "nodes": [{"C": [[1.0, 0.0]], "R": [[10.0]]}]})
+    assert b"does not converge" in run("design", tmp_path / "net.json", "--c-max", "none", status=2).stderr
 
 
 # --- threads ---------------------------------------------------------------------------------------------------------
