@@ -15,7 +15,7 @@ typedef struct {
 } mk_exact_t;
 
 void mk_exact_add(mk_exact_t *sum, double term);
-/* The sum, rounded once to nearest (subnormal results: twice); NaN if a term was not finite. Leaves the value as it is. */
+/* The sum, rounded once to nearest; NaN if a term was not finite. Leaves the value as it is. */
 double mk_exact_value(const mk_exact_t *sum);
 
 #endif

@@ -32,5 +32,7 @@ int mk_option_real(const char *name, const char *text, double least, double most
 
 /* Prints "meshkal: message" to standard error and returns status. */
 int mk_complain(const mk_error_t *error, int status);
+/* At the end: status, or FAILED with a complaint if what went to standard output did not arrive. */
+int mk_finish(int status);
 
 #endif

@@ -13,7 +13,7 @@
 /* Estimators that a thread takes at once. */
 #define CHUNK 64
 
-/* The first failure among them. */
+/* The failure among them that is_worse than all others. */
 typedef struct {
     mk_status_t status;
     int bad;
@@ -28,6 +28,11 @@ typedef struct {
     uint8_t *arrived;
     const void *halo;
 } phase_t;
+
+/* Whether estimator e failed, and none of a lower number in the whole network did so far. */
+static int is_worse(const mk_topology_t *topology, mk_status_t status, int e, mk_status_t first, int bad) {
+    return status != MK_OK && (first == MK_OK || mk_topology_id(topology, e) < mk_topology_id(topology, bad));
+}
 
 #define MK_BITS 32
 #include <meshkal/real.h>

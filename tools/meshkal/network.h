@@ -20,8 +20,8 @@ typedef struct {
     mk_exact_t theta, tolerance, nis, nis_rows;
 } mk_step_sums_t;
 
-/* Estimators are numbered as in the topology. Functions that return a status stop no estimator for the failure of another; *bad is the
-   first that failed. */
+/* Estimators are numbered as in the topology. Functions that return a status stop no estimator for the failure of another; *bad is, of
+   those that failed, the one with the lowest number in the whole network. */
 typedef struct {
     size_t real_size;
     const char *name;

@@ -78,23 +78,27 @@ static void MK_F(close)(void *network) {
 
 static mk_status_t MK_F(start)(void *network, int *bad) {
     MK_F_T(network) *net = network;
-    mk_status_t status = MK_OK;
-    for (int e = 0; e < net->estimators && status == MK_OK; e++) {
+    mk_status_t first = MK_OK;
+    for (int e = 0; e < net->estimators; e++) {
         const MK_F_T(mk_rkfd_config) *config = &net->config[e];
-        status = MK_F(mk_rkfd_start)(config->n, config->m, config->slots, &net->view[e], config);
+        const mk_status_t status = MK_F(mk_rkfd_start)(config->n, config->m, config->slots, &net->view[e], config);
+        if (!is_worse(net->topology, status, e, first, *bad)) continue;
+        first = status;
         *bad = e;
     }
-    return status;
+    return first;
 }
 
 static mk_status_t MK_F(set_tolerance)(void *network, const double *tolerance, int *bad) {
     MK_F_T(network) *net = network;
-    mk_status_t status = MK_OK;
-    for (int e = 0; e < net->estimators && status == MK_OK; e++) {
-        status = MK_F(mk_rkfd_set_tolerance)(&net->core[e], (MK_REAL)tolerance[e]);
+    mk_status_t first = MK_OK;
+    for (int e = 0; e < net->estimators; e++) {
+        const mk_status_t status = MK_F(mk_rkfd_set_tolerance)(&net->core[e], (MK_REAL)tolerance[e]);
+        if (!is_worse(net->topology, status, e, first, *bad)) continue;
+        first = status;
         *bad = e;
     }
-    return status;
+    return first;
 }
 
 /* One estimator's step with its thread's scratch memory. */
@@ -144,7 +148,7 @@ static void MK_F(run_chunk)(void *context, int worker, long index) {
     chunk->status = MK_OK;
     for (int e = begin; e < end; e++) {
         const mk_status_t status = phase->y ? MK_F(incremental_one)(phase, work, e) : MK_F(diffuse_one)(phase, work, e);
-        if (status == MK_OK || chunk->status != MK_OK) continue;
+        if (!is_worse(net->topology, status, e, chunk->status, chunk->bad)) continue;
         chunk->status = status;
         chunk->bad = e;
     }
@@ -154,12 +158,14 @@ static mk_status_t MK_F(run_phase)(phase_t *phase, int *bad) {
     MK_F_T(network) *net = phase->network;
     const int chunks = (phase->end - phase->begin + CHUNK - 1) / CHUNK;
     mk_parallel(net->threads, chunks, MK_F(run_chunk), phase);
+    mk_status_t first = MK_OK;
     for (int i = 0; i < chunks; i++) {
-        if (net->chunk[i].status == MK_OK) continue;
-        *bad = net->chunk[i].bad;
-        return net->chunk[i].status;
+        const chunk_t *chunk = &net->chunk[i];
+        if (!is_worse(net->topology, chunk->status, chunk->bad, first, *bad)) continue;
+        first = chunk->status;
+        *bad = chunk->bad;
     }
-    return MK_OK;
+    return first;
 }
 
 static mk_status_t MK_F(incremental)(void *network, int begin, int end, const double *y, const int *row_first, uint8_t *arrived, int *bad) {
