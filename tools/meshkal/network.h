@@ -40,6 +40,8 @@ typedef struct {
     void (*intermediate)(void *network, const int *estimator, int count, void *psi);
     /* estimate as float64, E x n. */
     void (*estimate)(void *network, double *estimate);
+    /* Normalised errors squared (x - xh)' V^-1 (x - xh) of all estimators, before a step. */
+    void (*nees)(void *network, const double *x, double *nees);
     /* Before a step: estimate and covariances. After it: the rest. */
     void (*look_before)(void *network, mk_snapshot_t *snapshot);
     void (*look_after)(void *network, mk_snapshot_t *snapshot);

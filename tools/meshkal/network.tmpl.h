@@ -190,6 +190,19 @@ static void MK_F(estimate)(void *network, double *estimate) {
         for (int i = 0; i < net->n; i++) estimate[(size_t)e * (size_t)net->n + (size_t)i] = (double)net->view[e].x[i];
 }
 
+static void MK_F(nees)(void *network, const double *x, double *nees) {
+    MK_F_T(network) *net = network;
+    for (int e = 0; e < net->estimators; e++) {
+        const MK_REAL *xh = net->view[e].x, *W = net->view[e].W;
+        nees[e] = 0.0;
+        for (int i = 0; i < net->n; i++) {
+            double below = 0.0;
+            for (int j = 0; j < i; j++) below += (double)W[MK_AT(i, j)] * (x[j] - (double)xh[j]);
+            nees[e] += (x[i] - (double)xh[i]) * (2.0 * below + (double)W[MK_AT(i, i)] * (x[i] - (double)xh[i]));
+        }
+    }
+}
+
 static void MK_F(look_before)(void *network, mk_snapshot_t *snapshot) {
     MK_F_T(network) *net = network;
     const int *position = net->scenario->position_states, positions = net->scenario->position_count;
@@ -237,4 +250,4 @@ static void MK_F(add)(void *network, mk_step_sums_t *sums) {
 
 const mk_network_t MK_F(mk_network) = {
     sizeof(MK_REAL), MK_REAL_NAME,       MK_F(open),     MK_F(close),       MK_F(start),      MK_F(set_tolerance), MK_F(incremental),
-    MK_F(diffuse),   MK_F(intermediate), MK_F(estimate), MK_F(look_before), MK_F(look_after), MK_F(add)};
+    MK_F(diffuse),   MK_F(intermediate), MK_F(estimate), MK_F(nees), MK_F(look_before), MK_F(look_after), MK_F(add)};

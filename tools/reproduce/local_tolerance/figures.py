@@ -17,7 +17,7 @@ from matplotlib.colors import ListedColormap, Normalize  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 
 from . import published  # noqa: E402
-from .draws import FILTERS, Draw  # noqa: E402
+from .draws import FILTERS, HORIZON, Draw  # noqa: E402
 from .networks import mean_degree, neighbourhoods  # noqa: E402
 from .properties import decibels  # noqa: E402
 from .styles import ON_WHITE  # noqa: E402
@@ -43,6 +43,8 @@ _SCALE = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0.0, 0.9, 25
 _STEP = "step t"
 _MSD = "MSD of all states, dB"
 _TRANSIENT_STEPS = 50
+# The least favourable model of a longer horizon, so that its end is not seen.
+_STEPS = np.arange(HORIZON + 1)
 
 
 def write(out: Path, draws: list[Draw]) -> None:
@@ -65,8 +67,9 @@ def _save(path: Path, make: Callable, argument: Draw | list[Draw]) -> None:
 
 
 def _line(axes: Axes, name: str, x: np.ndarray, y: np.ndarray, **style: object) -> None:
-    dashes = (0, (4, 3)) if name == "rkfdnu2" else "solid"
-    axes.plot(x, y, **{"color": ON_WHITE[name], "linestyle": dashes, "label": _LABEL[name]} | style)
+    # RKFDNU2 lies on RKFDNU: in dashes, and on top.
+    dashes, order = ((0, (4, 3)), 3) if name == "rkfdnu2" else ("solid", 2)
+    axes.plot(x, y, **{"color": ON_WHITE[name], "linestyle": dashes, "zorder": order, "label": _LABEL[name]} | style)
 
 
 def network(draw: Draw) -> Figure:
@@ -100,11 +103,11 @@ def _measured_axes(scenario: dict, node: dict) -> str:
 
 def msd(draw: Draw) -> Figure:
     figure, axes = plt.subplots()
-    for name in sorted(FILTERS, key=lambda f: -draw.least_favourable[f].msd_db):
+    for name in sorted(FILTERS, key=lambda f: -round(draw.least_favourable[f].msd_db, 3)):
         analysis = draw.least_favourable[name]
         level = f"{analysis.msd_db:.2f}".replace("-", "\N{MINUS SIGN}")
-        _line(axes, name, np.arange(len(analysis.msd)), decibels(analysis.msd), label=f"{_LABEL[name]}  {level} dB")
-    axes.set(xlabel=_STEP, ylabel=_MSD, title=f"Under the least favourable model, c = {draw.tolerance:g} (seed {draw.seed})", xlim=(0, len(analysis.msd) - 1))
+        _line(axes, name, _STEPS, decibels(analysis.msd[_STEPS]), label=f"{_LABEL[name]}  {level} dB")
+    axes.set(xlabel=_STEP, ylabel=_MSD, title=f"Under the least favourable model, c = {draw.tolerance:g} (seed {draw.seed})", xlim=(0, HORIZON))
     axes.legend(title="steady value", alignment="left")
     return figure
 
@@ -129,7 +132,7 @@ def node_msd(draw: Draw) -> Figure:
 
 def tolerance(draw: Draw) -> Figure:
     figure, axes = plt.subplots()
-    values = draw.least_favourable["rkfdnu"].tolerance
+    values = draw.over_time["rkfdnu"].tolerance
     degrees = [len(near) for near in neighbourhoods(draw.scenario)]
     colours = Normalize(min(degrees), max(degrees))
     for k, degree in enumerate(degrees):
@@ -147,7 +150,7 @@ def theta(draw: Draw) -> Figure:
     degrees = [len(near) for near in neighbourhoods(draw.scenario)]
     colours = Normalize(min(degrees), max(degrees))
     for axes, name in zip(panels, ("rkfdu", "rkfdnu", "rkfdnu2")):
-        values = draw.least_favourable[name].theta
+        values = draw.over_time[name].theta
         for k, degree in enumerate(degrees):
             axes.plot(values[:, k], color=_SCALE(colours(degree)), linewidth=1.0)
         axes.set(xlabel=_STEP, title=f"{_LABEL[name]}, mean {draw.least_favourable[name].mean_theta:.3f}", xlim=(0, len(values) - 1), ylim=(0.0, None))
@@ -163,12 +166,12 @@ def densities(draw: Draw) -> Figure:
     tones = _SCALE(np.linspace(0.9, 0.1, len(draw.densities)))
     for tone, marker, (scenario, analysis) in zip(tones, "os^", draw.densities.values()):
         label = f"{mean_degree(scenario):.1f}"
-        over_time.plot(decibels(analysis.msd), color=tone, label=label)
+        over_time.plot(decibels(analysis.msd[_STEPS]), color=tone, label=label)
         by_node.scatter(np.arange(len(analysis.node_msd)), decibels(analysis.node_msd), color=tone, marker=marker, s=30, zorder=3)
     centre = draw.least_favourable["rkfc"]
-    over_time.plot(decibels(centre.msd), color=ON_WHITE["rkfc"], label="RKFC, hears all")
+    over_time.plot(decibels(centre.msd[_STEPS]), color=ON_WHITE["rkfc"], label="RKFC, hears all")
     by_node.axhline(centre.msd_db, color=ON_WHITE["rkfc"])
-    over_time.set(xlabel=_STEP, ylabel=_MSD, title=f"RKFDNU, c = {draw.tolerance:g} (seed {draw.seed})", xlim=(0, len(centre.msd) - 1))
+    over_time.set(xlabel=_STEP, ylabel=_MSD, title=f"RKFDNU, c = {draw.tolerance:g} (seed {draw.seed})", xlim=(0, HORIZON))
     over_time.legend(title="neighbours on average")
     by_node.set(xlabel="node", ylabel="steady " + _MSD, title="each node")
     by_node.set_xticks(np.arange(0, len(draw.scenario["nodes"]), 2))

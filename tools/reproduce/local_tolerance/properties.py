@@ -91,15 +91,15 @@ def _settled(kind: str, first_step: int, limit_db: float) -> Property:
 
 
 def _theta_ratio(draw: Draw) -> float:
-    return float((draw.least_favourable["rkfdnu"].theta / draw.least_favourable["rkfdu"].theta).max())
+    return float((draw.over_time["rkfdnu"].theta / draw.over_time["rkfdu"].theta).max())
 
 
 def _tolerance_excess(draw: Draw) -> float:
-    return float(draw.least_favourable["rkfdnu"].tolerance.max() / draw.tolerance - 1.0)
+    return float(draw.over_time["rkfdnu"].tolerance.max() / draw.tolerance - 1.0)
 
 
 def _tolerance_distance(draw: Draw) -> float:
-    return float(np.abs(draw.least_favourable["rkfdnu"].tolerance[-1] / draw.design_tolerances - 1.0).max())
+    return float(np.abs(draw.over_time["rkfdnu"].tolerance[-1] / draw.design_tolerances - 1.0).max())
 
 
 def _tolerance_growth(draw: Draw) -> float:
