@@ -39,7 +39,7 @@ typedef struct {
 int mk_campaign_run(const mk_campaign_t *campaign, const mk_source_t *source, mk_team_t *team, mk_result_t *result, mk_error_t *error);
 void mk_result_free(mk_result_t *result);
 
-/* From now on SIGINT and SIGTERM end a campaign between two steps. */
+/* From now on SIGINT, SIGTERM and SIGUSR1 (which mpirun passes on, and kills nobody after it) end a campaign between two steps. */
 void mk_catch_signals(void);
 int mk_stopped(void);
 
