@@ -215,7 +215,7 @@ static double range(const double *values, int a, int b) {
 
 int mk_stands_still(const double *values, int horizon) {
     const int middle = horizon / 2, h = horizon * 12 / 100;
-    const double value = fabs(values[middle]), limit = (pow(10.0, 0.005) - 1.0) * value;
+    const double value = fabs(values[middle]), limit = (pow(10.0, 0.01) - 1.0) * value;
     double near[2], rest[2];
     if (h < 1) return 0;
     for (int side = 0; side < 2; side++) {
