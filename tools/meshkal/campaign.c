@@ -13,14 +13,15 @@
 #include "process.h"
 #include "runner.h"
 
-static volatile sig_atomic_t stop_now;
+/* Any thread may run the handler and all of them look: sig_atomic_t promises something to one thread only. */
+static int stop_now;
 
 static void on_signal(int number) {
     (void)number;
-    stop_now = 1;
+    __atomic_store_n(&stop_now, 1, __ATOMIC_RELAXED);
 }
 
-int mk_stopped(void) { return stop_now != 0; }
+int mk_stopped(void) { return __atomic_load_n(&stop_now, __ATOMIC_RELAXED); }
 
 void mk_catch_signals(void) {
     struct sigaction action;
