@@ -25,7 +25,7 @@ HOST_SANE_PARTS := $(HOST_PORT:%=$(BUILD)/sanitize/%) $(BUILD)/sanitize/libmeshk
 .PHONY: host-sanitize
 host-sanitize:
 	@$(MAKE) --no-print-directory BUILD=$(BUILD)/sanitize OPTIMISE="$(SANITIZE)" all
-$(BUILD)/sanitize/meshkal $(HOST_SANE_PARTS): host-sanitize
+$(BUILD)/sanitize/meshkal $(HOST_SANE_PARTS) $(patsubst %,$(BUILD)/sanitize/tools/meshkal/%.o,recursion fixed_point sized design observability): host-sanitize
 	@true
 
 # --- test_host and test_dense ----------------------------------------------------------------------------------------------
@@ -39,6 +39,18 @@ $(HOST_SANE)/test_%: $(HOST_TEST)/test_%.c $(HOST_SANE_PARTS) $(wildcard port/ho
 	@mkdir -p $(@D)
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $(SANITIZE) $(HOST_INCLUDE) $< $(HOST_SANE_PARTS) $(HOST_TEST_LIBS) -o $@
+
+# The designer's own files besides.
+HOST_DESIGN := $(patsubst %,tools/meshkal/%.o,recursion fixed_point sized design observability)
+$(HOST_PLAIN)/test_design: $(HOST_TEST)/test_design.c $(HOST_DESIGN:%=$(BUILD)/%) $(HOST_PARTS)
+	@mkdir -p $(@D)
+	@echo "  LD $@"
+	@$(CC) $(CFLAGS) $(HOST_INCLUDE) $(filter-out %.h,$^) $(HOST_TEST_LIBS) -o $@
+
+$(HOST_SANE)/test_design: $(HOST_TEST)/test_design.c $(HOST_DESIGN:%=$(BUILD)/sanitize/%) $(HOST_SANE_PARTS)
+	@mkdir -p $(@D)
+	@echo "  LD $@"
+	@$(CC) $(CFLAGS) $(SANITIZE) $(HOST_INCLUDE) $(filter-out %.h,$^) $(HOST_TEST_LIBS) -o $@
 
 # --- generated headers -----------------------------------------------------------------------------------------------------
 
@@ -87,7 +99,7 @@ $(HOST_NETWORKS:%=$(HOST_PLAIN)/header-%-shared): $(HOST_PLAIN)/header-%-shared:
 
 # --- run -------------------------------------------------------------------------------------------------------------------
 
-HOST_TEST_PROGRAMS := $(foreach d,$(HOST_PLAIN) $(HOST_SANE),$(d)/test_host $(d)/test_dense $(HOST_NETWORKS:%=$(d)/header-%-shared)) \
+HOST_TEST_PROGRAMS := $(foreach d,$(HOST_PLAIN) $(HOST_SANE),$(d)/test_host $(d)/test_dense $(d)/test_design $(HOST_NETWORKS:%=$(d)/header-%-shared)) \
   $(HOST_NETWORKS:%=$(HOST_PLAIN)/header-%-unrolled)
 
 .PHONY: test-host-c
