@@ -227,6 +227,12 @@ struct mk_schedule {
     int threads;
 };
 
+static void take_information(void *context, int worker, long index) {
+    const mk_schedule_t *m = context;
+    (void)worker;
+    mk_neighbourhood_information(m->t.scenario, m->t.id ? m->t.id[index] : index, m->information + (size_t)index * packed(m->r.n));
+}
+
 mk_schedule_t *mk_schedule_open(const mk_scenario_t *s, double tolerance, const int *id, long count, int threads) {
     mk_schedule_t *m = mk_allocate(1, sizeof *m);
     open_central(&m->r, s, tolerance);
@@ -235,8 +241,8 @@ mk_schedule_t *mk_schedule_open(const mk_scenario_t *s, double tolerance, const 
     m->count = count;
     m->threads = threads;
     if (tolerance > 0.0) m->information = doubles((size_t)count * packed(s->n));
-    for (long i = 0; i < count && m->information; i++) mk_neighbourhood_information(s, id ? id[i] : i, m->information + (size_t)i * packed(s->n));
     m->t = (tolerances_t){.scenario = s, .W = m->before, .D = m->D, .information = m->information, .id = id};
+    if (m->information) mk_parallel(threads, count, take_information, m);
     return m;
 }
 

@@ -11,8 +11,7 @@
 
 /* Places in the work array. square: n x n, packed: n (n + 1) / 2, d of them. */
 typedef struct {
-    double *P, *W, *Y, *Z, *T, *M, *m, *g, *e; /* packed */
-    double *scratch;                           /* 5 packed */
+    double *P, *W, *Y, *Z, *T, *m, *e, *scratch; /* packed */
     double *A, *L, *B, *G, *F, *H, *K;         /* square */
     double *J, *power;                         /* d x d */
     double *robust;
@@ -22,10 +21,9 @@ typedef struct {
 static newton_t divide(int n, double *work) {
     const size_t packed = (size_t)MK_PACKED(n), square = (size_t)(n * n);
     newton_t w;
-    double **const packed_places[] = {&w.P, &w.W, &w.Y, &w.Z, &w.T, &w.M, &w.m, &w.g, &w.e}, **const square_places[] = {&w.A, &w.L, &w.B, &w.G, &w.F, &w.H, &w.K};
+    double **const packed_places[] = {&w.P, &w.W, &w.Y, &w.Z, &w.T, &w.m, &w.e, &w.scratch};
+    double **const square_places[] = {&w.A, &w.L, &w.B, &w.G, &w.F, &w.H, &w.K};
     for (size_t i = 0; i < sizeof packed_places / sizeof *packed_places; i++, work += packed) *packed_places[i] = work;
-    w.scratch = work;
-    work += 5 * packed;
     for (size_t i = 0; i < sizeof square_places / sizeof *square_places; i++, work += square) *square_places[i] = work;
     w.J = work;
     w.power = w.J + MK_FIXED_POINT_MATRIX(n);
@@ -51,6 +49,18 @@ MK_KERNEL int factor(int n, const double *P, double *L, double *B) {
             double sum = 0.0;
             for (int k = j; k < i; k++) sum += L[i * n + k] * B[k * n + j];
             B[i * n + j] = -sum * B[i * n + i];
+        }
+    return 1;
+}
+
+/* Z := S^-1, full, by way of L and B. 1, or 0: not positive definite. */
+MK_KERNEL int invert(int n, const double *S, double *L, double *B, double *Z) {
+    if (!factor(n, S, L, B)) return 0;
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = 0.0;
+            for (int k = i; k < n; k++) sum += B[k * n + i] * B[k * n + j];
+            Z[i * n + j] = Z[j * n + i] = sum;
         }
     return 1;
 }
@@ -102,10 +112,7 @@ MK_KERNEL int make_slope(int n, const newton_t *w) {
             w->K[i * n + j] = w->K[j * n + i] = sum;
             w->scratch[MK_AT(i, j)] = (i == j) - w->theta * sum;
         }
-    double *const N = w->scratch + 2 * MK_AT(n, 0);
-    if (!mk_inverse_f64(n, w->scratch, w->scratch + MK_AT(n, 0), N)) return 0;
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++) w->A[i * n + j] = N[i > j ? MK_AT(i, j) : MK_AT(j, i)];
+    if (!invert(n, w->scratch, w->G, w->F, w->A)) return 0;
     product(n, w->A, w->K, w->H);
     for (int i = 0; i < n; i++)
         for (int j = 0; j <= i; j++) {
@@ -124,7 +131,7 @@ MK_KERNEL int linearise(int n, const mk_recursion_t *r, newton_t *w) {
     if (mk_sized_information(n, w->P, r->tolerance, w->W, &w->theta, w->robust) != MK_OK) return 0;
     for (int i = 0; i < d; i++) w->Z[i] = w->Y[i] = w->W[i] + r->S[i];
     if (mk_sized_predict(n, r->A, r->Q, w->Y, w->A, w->T) != MK_OK) return 0;
-    if (!mk_inverse_f64(n, w->Z, w->scratch, w->M) || !factor(n, w->P, w->L, w->B)) return 0;
+    if (!factor(n, w->P, w->L, w->B)) return 0;
     for (int i = 0; i < d; i++) w->T[i] -= w->P[i];
     whiten(n, w->B, w->T, w->A, w->e);
     if (r->tolerance > 0.0) {
@@ -132,8 +139,7 @@ MK_KERNEL int linearise(int n, const mk_recursion_t *r, newton_t *w) {
     } else {
         memset(w->m, 0, (size_t)d * sizeof *w->m);
     }
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++) w->H[i * n + j] = w->M[i > j ? MK_AT(i, j) : MK_AT(j, i)];
+    if (!invert(n, w->Z, w->G, w->F, w->H)) return 0;
     product(n, w->B, r->A, w->A);
     product(n, w->A, w->H, w->G);
     for (int i = 0; i < n; i++)

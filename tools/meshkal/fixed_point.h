@@ -28,6 +28,6 @@ int mk_fixed_point(mk_recursion_t *recursion, const double *earlier, double *wor
 /* Rows of J, in places that suit vector registers. */
 #define MK_FIXED_POINT_STRIDE(n) ((MK_PACKED(n) + 7) / 8 * 8)
 #define MK_FIXED_POINT_MATRIX(n) ((size_t)((MK_PACKED(n) + 1) * MK_FIXED_POINT_STRIDE(n)))
-#define MK_FIXED_POINT_WORK(n) (2 * MK_FIXED_POINT_MATRIX(n) + (size_t)(14 * MK_PACKED(n) + 7 * (n) * (n)) + MK_ROBUST_WORK((size_t)(n)))
+#define MK_FIXED_POINT_WORK(n) (2 * MK_FIXED_POINT_MATRIX(n) + (size_t)(8 * MK_PACKED(n) + 7 * (n) * (n)) + MK_ROBUST_WORK((size_t)(n)))
 
 #endif
