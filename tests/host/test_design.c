@@ -65,7 +65,7 @@ static void test_schedule_of_some_nodes(void **state) {
     enum { STEPS = 400 };
     const size_t nodes = (size_t)scenario.nodes;
     const int id[3] = {2, 0, scenario.nodes - 1};
-    double *all = mk_design_schedule(&scenario, 0.05, STEPS, &error), c[3];
+    double *all = mk_design_schedule(&scenario, 0.05, STEPS, NULL, scenario.nodes, 2, &error), c[3];
     assert_non_null(all);
     mk_schedule_t *schedule = mk_schedule_open(&scenario, 0.05, id, 3, 2);
     for (size_t t = 0; t < STEPS; t++) {
