@@ -26,9 +26,14 @@ void mk_exact_add(mk_exact_t *sum, double term) {
     digit[2] += sign * (int64_t)(high >> 32);
 }
 
-/* Digits from 0 to 2^32 - 1 but for the last, which keeps the sign. */
-static void carry(int64_t *digit) {
-    for (int i = 0; i + 1 < OTHER; i++) {
+void mk_exact_move(mk_exact_t *sum, mk_exact_t *from) {
+    for (int i = 0; i < MK_EXACT_DIGITS; i++) sum->digit[i] += from->digit[i];
+    memset(from, 0, sizeof *from);
+}
+
+/* Digits from..to from 0 to 2^32 - 1 but for the last, which keeps the sign. */
+static void carry(int64_t *digit, int from, int to) {
+    for (int i = from; i < to; i++) {
         const int64_t low = digit[i] & (int64_t)LOW, over = (digit[i] - low) / ((int64_t)LOW + 1);
         digit[i] = low;
         digit[i + 1] += over;
@@ -37,15 +42,21 @@ static void carry(int64_t *digit) {
 
 double mk_exact_value(const mk_exact_t *sum) {
     if (sum->digit[OTHER]) return (double)NAN;
+    /* Numbers of like size fill few digits: the others are not looked at twice. What is carried beyond the highest fits two more. */
+    int bottom = 0, last = OTHER - 1;
+    while (bottom < last && sum->digit[bottom] == 0) bottom++;
+    while (last > bottom && sum->digit[last] == 0) last--;
+    last = last + 2 < OTHER ? last + 2 : OTHER - 1;
     int64_t digit[MK_EXACT_DIGITS];
-    memcpy(digit, sum->digit, sizeof digit);
-    carry(digit);
-    const int negative = digit[OTHER - 1] < 0;
+    memset(digit, 0, sizeof digit);
+    memcpy(digit + bottom, sum->digit + bottom, (size_t)(last - bottom + 1) * sizeof *digit);
+    carry(digit, bottom, last);
+    const int negative = digit[last] < 0;
     if (negative) {
-        for (int i = 0; i < OTHER; i++) digit[i] = -digit[i];
-        carry(digit);
+        for (int i = bottom; i <= last; i++) digit[i] = -digit[i];
+        carry(digit, bottom, last);
     }
-    int top = OTHER - 1;
+    int top = last;
     while (top > 1 && digit[top] == 0) top--;
     /* 64 leading bits, the last of them 1 if anything follows: the conversion to double then rounds as if it saw all. */
     uint64_t head = (uint64_t)digit[top] << 32 | (uint64_t)digit[top - 1], rest = top > 1 ? (uint64_t)digit[top - 2] : 0;
@@ -55,7 +66,7 @@ double mk_exact_value(const mk_exact_t *sum) {
         rest = rest << 1 & LOW;
         shift++;
     }
-    for (int i = top - 3; i >= 0 && !rest; i--) rest = (uint64_t)digit[i];
+    for (int i = top - 3; i >= bottom && !rest; i--) rest = (uint64_t)digit[i];
     const double value = ldexp((double)(head | (rest != 0)), 32 * (top - 1) - 1074 - shift);
     return negative ? -value : value;
 }
