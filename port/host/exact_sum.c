@@ -40,31 +40,36 @@ static void carry(int64_t *digit, int from, int to) {
     }
 }
 
+static int is_zero(const int64_t *digit) {
+    return (digit[0] | digit[1] | digit[2] | digit[3] | digit[4] | digit[5] | digit[6] | digit[7]) == 0;
+}
+
 double mk_exact_value(const mk_exact_t *sum) {
     if (sum->digit[OTHER]) return (double)NAN;
-    /* Numbers of like size fill few digits: the others are not looked at twice. What is carried beyond the highest fits two more. */
+    /* Numbers of like size fill few digits, from `bottom` to `last`, and only those are worked on. */
     int bottom = 0, last = OTHER - 1;
-    while (bottom < last && sum->digit[bottom] == 0) bottom++;
+    while (bottom + 8 <= last && is_zero(sum->digit + bottom)) bottom += 8;
+    while (last - 8 >= bottom && is_zero(sum->digit + last - 7)) last -= 8;
     while (last > bottom && sum->digit[last] == 0) last--;
-    last = last + 2 < OTHER ? last + 2 : OTHER - 1;
+    last = last + 2 < OTHER ? last + 2 : OTHER - 1; /* a digit's 64 bits are carried over two */
+    bottom = bottom > 2 ? bottom - 2 : 0;           /* read below, as zeros */
     int64_t digit[MK_EXACT_DIGITS];
-    memset(digit, 0, sizeof digit);
-    memcpy(digit + bottom, sum->digit + bottom, (size_t)(last - bottom + 1) * sizeof *digit);
+    for (int i = bottom; i <= last; i++) digit[i] = sum->digit[i];
     carry(digit, bottom, last);
     const int negative = digit[last] < 0;
     if (negative) {
         for (int i = bottom; i <= last; i++) digit[i] = -digit[i];
         carry(digit, bottom, last);
     }
-    int top = last;
-    while (top > 1 && digit[top] == 0) top--;
+    int top = last, shift = 0;
+    while (top > bottom + 1 && digit[top] == 0) top--;
     /* 64 leading bits, the last of them 1 if anything follows: the conversion to double then rounds as if it saw all. */
-    uint64_t head = (uint64_t)digit[top] << 32 | (uint64_t)digit[top - 1], rest = top > 1 ? (uint64_t)digit[top - 2] : 0;
-    int shift = 0;
-    while (head && !(head >> 63)) {
-        head = head << 1 | (rest >> 31 & 1);
-        rest = rest << 1 & LOW;
-        shift++;
+    uint64_t head = (uint64_t)digit[top] << 32 | (uint64_t)digit[top - 1], rest = top - 2 >= bottom ? (uint64_t)digit[top - 2] : 0;
+    for (int width = 32; width > 0 && head; width /= 2) {
+        if (head >> (64 - width)) continue;
+        head = head << width | rest << width >> 32;
+        rest = rest << width & LOW;
+        shift += width;
     }
     for (int i = top - 3; i >= bottom && !rest; i--) rest = (uint64_t)digit[i];
     const double value = ldexp((double)(head | (rest != 0)), 32 * (top - 1) - 1074 - shift);

@@ -269,7 +269,7 @@ static mk_run_state_t add_up(mk_runner_t *r, mk_record_t *record) {
     for (int i = 0; i < r->waiting && state == MK_RUN_DONE; i++) {
         const int t = r->from + i;
         double value[STEP_SUMS];
-        for (int j = 0; j < STEP_SUMS; j++) value[j] = mk_exact_value(&r->sums[1 + i * STEP_SUMS + j]);
+        for (int j = 0; j < (t < steps / 2 ? FINDINGS : STEP_SUMS); j++) value[j] = mk_exact_value(&r->sums[1 + i * STEP_SUMS + j]);
         record->msd[t] = truth ? value[SQUARE] / total : (double)NAN;
         record->position_msd[t] = truth && position ? value[POSITION] / total : (double)NAN;
         if (t < steps / 2) continue;

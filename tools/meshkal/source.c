@@ -30,14 +30,20 @@ static void make_root(int n, const double *S, double *L) {
 static void add_normal(mk_random_t *random, int n, const double *L, double *target) {
     double g[64];
     for (int i = 0; i < n; i++) g[i] = mk_random_normal(random);
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j <= i; j++) target[i] += L[i * (i + 1) / 2 + j] * g[j];
+    for (int i = 0; i < n; i++) {
+        double sum = target[i];
+        for (int j = 0; j <= i; j++) sum += L[i * (i + 1) / 2 + j] * g[j];
+        target[i] = sum;
+    }
 }
 
 /* target += M v, M rows x columns. */
 static void add_product(int rows, int columns, const double *M, const double *v, double *target) {
-    for (int i = 0; i < rows; i++)
-        for (int j = 0; j < columns; j++) target[i] += M[i * columns + j] * v[j];
+    for (int i = 0; i < rows; i++) {
+        double sum = target[i];
+        for (int j = 0; j < columns; j++) sum += M[i * columns + j] * v[j];
+        target[i] = sum;
+    }
 }
 
 const char *mk_truth_name(mk_truth_t truth) {
