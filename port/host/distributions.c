@@ -41,6 +41,17 @@ double mk_digamma(double x) {
            z * (1.0 / 12 - z * (1.0 / 120 - z * (1.0 / 252 - z * (1.0 / 240 - z * (1.0 / 132 - z * (691.0 / 32760 - z / 12))))));
 }
 
+double mk_trigamma(double x) {
+    if (!(x > 0.0)) return (double)NAN;
+    double sum = 0.0;
+    while (x < 10.0) {
+        sum += 1.0 / (x * x);
+        x += 1.0;
+    }
+    const double z = 1.0 / (x * x);
+    return sum + (1.0 + 0.5 / x + z * (1.0 / 6 - z * (1.0 / 30 - z * (1.0 / 42 - z * (1.0 / 30 - z * (5.0 / 66 - z * 691.0 / 2730)))))) / x;
+}
+
 /* --- roots ----------------------------------------------------------------------------------------------------------------- */
 
 /* log of a probability at x = exp(u), and its derivative by u. */

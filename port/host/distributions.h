@@ -21,7 +21,8 @@ double mk_chi_square_tail_quantile(double q, double degrees);
 double mk_student_tail(double t, double degrees);
 double mk_student_quantile(double p, double degrees);
 
-/* Derivative of log Gamma, x > 0. Error 1e-14 of max(|value|, 1). */
+/* First and second derivative of log Gamma, x > 0. Error 1e-14 of max(|value|, 1), and of the value. */
 double mk_digamma(double x);
+double mk_trigamma(double x);
 
 #endif

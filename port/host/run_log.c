@@ -7,9 +7,13 @@
 #include <string.h>
 
 /* Items go out whole, so that what a reader finds is cut between items unless the system itself stops in a write. */
+static void put(mk_run_log_t *log, const void *bytes, size_t length) {
+    if (!log->failed && fwrite(bytes, 1, length, log->stream) != length) log->failed = errno ? errno : EIO;
+}
+
 static void send_item(mk_run_log_t *log) {
     if (!log->stream) return;
-    if (!log->failed && fwrite(log->out.buffer, 1, log->out.used, log->stream) != log->out.used) log->failed = errno ? errno : EIO;
+    put(log, log->out.buffer, log->out.used);
     log->out.used = 0;
 }
 
@@ -87,9 +91,8 @@ void mk_log_end(mk_run_log_t *log) {
 void mk_log_keep(mk_run_log_t *log) { memset(log, 0, sizeof *log); }
 
 void mk_log_append(mk_run_log_t *log, const void *bytes, size_t length, uint64_t items) {
-    mk_cbor_append(&log->out, bytes, length);
+    put(log, bytes, length);
     log->items += items;
-    send_item(log);
     show(log);
 }
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 # Benchmark against Eigen and LAPACKE. From the top of the tree:  make -f tests/bench/bench.mk bench [BENCH_ARGS=...]
+# As a part of the main Makefile also the cost of analyze against the number of nodes (BENCH_ANALYZE_ARGS=--large: up to 1000).
 # Needs Eigen 3 (eigen3 by pkg-config or /usr/include/eigen3), LAPACKE and CBLAS.
 CC ?= cc
 CXX ?= c++
@@ -16,8 +17,9 @@ $(BENCH_DIR)/eigen.o: BENCH_FLAGS += -w
 BENCH_HEADERS := $(wildcard include/meshkal/*.h src/meshkal/*.h src/meshkal/*/*.h tests/bench/*.h)
 
 .PHONY: bench
-bench: $(BENCH_DIR)/bench
+bench: $(BENCH_DIR)/bench $(PROGRAM)
 	$(BENCH_DIR)/bench $(BENCH_ARGS)
+	$(if $(PROGRAM),@$(PYTHON) tests/bench/analyze.py $(PROGRAM) $(BENCH_DIR) $(BENCH_ANALYZE_ARGS))
 
 $(BENCH_DIR)/bench: $(BENCH_OBJECTS)
 	$(CXX) -o $@ $^ $(BENCH_LIBS)

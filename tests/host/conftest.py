@@ -3,9 +3,14 @@
 MESHKAL           path of the program, default build/meshkal of this checkout
 MESHKAL_REQUIRED  1: a missing program is a failure. Otherwise the tests are skipped.
 """
+import ctypes
 import os
 import pathlib
 import subprocess
+
+# One thread: the matrices are small, and thread pools of several workers only get in each other's way.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
 
 import pytest
 
@@ -47,3 +52,30 @@ def refused(run):
         assert text.startswith("meshkal: ") and text.endswith("\n") and text.count("\n") == 1, text
         return text[len("meshkal: "):-1]
     return call
+
+
+# The suite runs twice. What is random and long, and the same C code in both, runs in the plain one only.
+SANITIZED = "sanitize" in os.environ.get("MESHKAL", "")
+
+
+@pytest.fixture(scope="session")
+def shared(tmp_path_factory):
+    """shared(sources ...) -> those C files of the tree as a library for ctypes. In the sanitized run undefined behaviour ends the test; the
+    address sanitizer would have to be loaded before Python."""
+    def build(*sources):
+        place = tmp_path_factory.mktemp("shared") / "tested.so"
+        sanitize = ["-fsanitize=undefined", "-fno-sanitize-recover=all"] if SANITIZED else []
+        subprocess.run(["gcc", "-std=c99", "-O2", "-g", "-ffp-contract=off", "-D_POSIX_C_SOURCE=200809L", *sanitize, "-shared", "-fPIC",
+                        f"-I{ROOT}/include", f"-I{ROOT}/port/host", *(ROOT / s for s in sources), "-o", place, "-lm"], check=True)
+        return ctypes.CDLL(str(place))
+    return build
+
+
+def pytest_configure(config):
+    config.addinivalue_line("markers", "once: statistics of C code that the plain run has already taken")
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if SANITIZED and item.get_closest_marker("once"):
+            item.add_marker(pytest.mark.skip(reason="statistics: in the plain run"))

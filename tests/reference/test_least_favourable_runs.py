@@ -13,7 +13,7 @@ from scenarios import scenario
 from test_simulate import Log
 
 LEVEL = 1e-4
-IMPOSSIBLE = 1e-9
+IMPOSSIBLE = 1e-6
 
 
 # --- statistics ----------------------------------------------------------------------------------------------------
@@ -85,9 +85,9 @@ def test_statistics_know_right_from_wrong(which, name):
 
 # --- the program ---------------------------------------------------------------------------------------------------
 
-CASES = {"projectile-8": (0.02, 12), "n1-stable-ring": (0.5, 10), "n2-unstable-star": (0.1, 14), "n3-integrating-complete": (0.02, 9),
-         "n4-stable-path": (0.5, 11), "n4-singular": (0.2, 10)}
-RUNS = 2000
+CASES = {"projectile-8": (0.5, 8), "n1-stable-ring": (0.5, 8), "n2-unstable-star": (0.5, 7), "n3-integrating-complete": (0.2, 7),
+         "n4-stable-path": (0.5, 7), "n4-singular": (0.2, 7)}
+RUNS, LOGGED = 1200, 1600
 
 
 def case(which):
@@ -140,34 +140,33 @@ def test_msd_over_time(drawn, which):
 
 
 @pytest.mark.parametrize("which,name", [("projectile-8", "rkfdnu2"), ("n4-stable-path", "rkfdnu"), ("n2-unstable-star", "kfd"),
-                                        ("n1-stable-ring", "rkfdu"), ("n4-singular", "kfc"), ("n3-integrating-complete", "rkfc")])
+                                        ("n4-singular", "kfc"), ("n3-integrating-complete", "rkfc")])
 def test_errors_of_all_nodes_together(drawn, which, name):
-    """Every block of X(t), from the states and estimates of a log."""
+    """Every block of X(t), from the states and estimates of a log; which do not have the law of the nominal model."""
     s, T = case(which)
-    law, times = lf.errors(s, name, T), (0, 1, T // 2, T - 1, T)
+    _, log = drawn(s, name, T, "least-favourable", LOGGED, 6, True)
+    chi, times = (log.truth[:, None, :] - log.estimate).reshape(LOGGED, T + 1, -1), (0, 1, T // 2, T)
     def p_value(truth):
-        _, log = drawn(s, name, T, truth, RUNS, 6, True)
-        chi = (log.truth[:, None, :] - log.estimate).reshape(RUNS, T + 1, -1)
-        return min(covariance_p_value(chi[:, t], law.X[t][:chi.shape[2], :chi.shape[2]]) for t in times) * len(times)
+        X = [lf.errors(s, name, T, truth).X[t][:chi.shape[2], :chi.shape[2]] for t in times]
+        return min(covariance_p_value(chi[:, t], Y) for t, Y in zip(times, X)) * len(times)
     assert p_value("least-favourable") > LEVEL
     assert p_value("nominal") < IMPOSSIBLE
 
 
-@pytest.mark.parametrize("which", ["n4-stable-path", "projectile-8", "n2-unstable-star"])
+@pytest.mark.parametrize("which", ["n4-stable-path", "n6-stable-star", "n2-unstable-star"])
 def test_noise_is_what_the_adversary_makes_of_the_error(drawn, which):
     """z = [x(t+1) - A x - r; y - C x] = [B; D] (H e + L eps): the slope on e and the covariance of the rest, at every step."""
-    s, T = case(which)
-    m, net = lf.model(s, T), Network(s)
-    BD = np.vstack([m.B, m.D])
+    s, T = {**scenario(which), "name": f"{which}-noise", "tolerance": 0.5}, 6
+    _, log = drawn(s, "rkfc", T, "least-favourable", LOGGED, 7, True)
+    net = Network(s)
+    x, y = log.truth.reshape(LOGGED, T + 1, -1), log.flat.reshape(LOGGED, T + 1, -1)
+    e = x - log.estimate.reshape(x.shape)
+    z = np.concatenate([x[:, 1:] - x[:, :-1] @ net.A.T - net.r, (y - x @ np.vstack(net.C).T)[:, :-1]], axis=2)
     def p_values(truth):
-        _, log = drawn(s, "rkfc", T, truth, RUNS, 7, True)
-        x, y = log.truth.reshape(RUNS, T + 1, -1), log.flat.reshape(RUNS, T + 1, -1)
-        e = x - log.estimate.reshape(x.shape)
-        w, v = x[:, 1:] - x[:, :-1] @ net.A.T - net.r, (y - x @ m.C.T)[:, :-1]
-        z = np.concatenate([w, v], axis=2)
-        assert z.shape[1] == T
-        return np.array([regression_p_values(z[:, t], e[:, t], BD @ m.H[t], BD @ m.K[t] @ BD.T) for t in range(T)])
-    slope, rest = p_values("least-favourable").min(axis=0) * T
+        m = lf.model(s, T, truth)
+        BD = np.vstack([m.B, m.D])
+        return np.array([regression_p_values(z[:, t], e[:, t], BD @ m.H[t], BD @ m.K[t] @ BD.T) for t in range(T)]).min(axis=0)
+    slope, rest = p_values("least-favourable") * T
     assert slope > LEVEL and rest > LEVEL, (slope, rest)
-    slope, rest = p_values("nominal").min(axis=0)
+    slope, rest = p_values("nominal")
     assert slope < IMPOSSIBLE and rest < IMPOSSIBLE, (slope, rest)

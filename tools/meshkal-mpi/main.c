@@ -32,6 +32,8 @@ int main(int argc, char **argv) {
     } else {
         status = mk_command_simulate(argc - 1, argv + 1, &team);
     }
+    /* Before the others end: mpirun may stop those that are left when one has ended with an error. */
+    status = mk_finish(status);
     mk_team_mpi_close(&team);
     (void)MPI_Finalize();
     return status;

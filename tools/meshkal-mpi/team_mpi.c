@@ -34,13 +34,21 @@ static void spread(mk_team_t *team, void *bytes, size_t length) {
         (void)MPI_Bcast((char *)bytes + done, (int)(length - done < LONGEST ? length - done : LONGEST), MPI_BYTE, 0, MPI_COMM_WORLD);
 }
 
-static int same(mk_team_t *team, const char *text, const char *what, mk_error_t *error) {
+static int same(mk_team_t *team, const char *text, mk_error_t *error) {
     size_t length = strlen(text);
     spread(team, &length, sizeof length);
     char *first = mk_allocate(length + 1, 1);
     if (team->rank == 0) memcpy(first, text, length);
     spread(team, first, length);
-    const int good = strcmp(first, text) == 0 || mk_fail(error, "rank %d: %s is not that of rank 0:\n  %s\n  %s", team->rank, what, text, first);
+    size_t name = 0, value = 0;
+    for (size_t i = 0; text[i] && text[i] == first[i]; i++) {
+        if (text[i] != ' ') continue;
+        name = value;
+        value = i + 1;
+    }
+    const int good = strcmp(first, text) == 0 || mk_fail(error, "rank %d: %.*s is %.*s, but %.*s on rank 0: all processes need the same scenario and options",
+                                                         team->rank, (int)(value - name - 1), text + name, (int)strcspn(text + value, " "), text + value,
+                                                         (int)strcspn(first + value, " "), first + value);
     free(first);
     return agree(team, good, error);
 }

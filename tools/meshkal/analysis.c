@@ -214,15 +214,22 @@ static double range(const double *values, int a, int b) {
 }
 
 int mk_stands_still(const double *values, int horizon) {
-    const int middle = horizon / 2, h = horizon / 10;
-    const double value = fabs(values[middle]), limit = (pow(10.0, 0.005) - 1.0) * value;
+    const int middle = horizon / 2, h = horizon * 12 / 100;
+    const double value = fabs(values[middle]), limit = (pow(10.0, 0.01) - 1.0) * value;
+    double near[2], rest[2];
     if (h < 1) return 0;
-    for (int way = -h; way <= h; way += 2 * h) {
-        const double near = range(values, middle, middle + way), far = range(values, middle + 3 * way, middle + 4 * way);
-        if (near <= 1e-9 * value) continue;
+    for (int side = 0; side < 2; side++) {
+        const int way = side ? h : -h;
+        const double far = range(values, middle + 3 * way, middle + 4 * way);
+        near[side] = range(values, middle, middle + way);
         /* far q^3 = near; what is to come: near (q + q^2 + ..) */
-        const double q = cbrt(near / far);
-        if (!(near < limit && q < 1.0 && near * q / (1.0 - q) < limit)) return 0;
+        const double q = near[side] > 1e-3 * limit ? cbrt(near[side] / far) : 0.0;
+        rest[side] = q < 1.0 ? near[side] * q / (1.0 - q) : (double)INFINITY;
+    }
+    for (int side = 0; side < 2; side++) {
+        /* Change that does not shrink towards the middle may be the last of what shrinks on the other side. */
+        const int passing = isinf(rest[side]) && near[side] < near[!side] && rest[!side] < limit;
+        if (!(near[side] < 2.0 * limit && (passing || rest[side] < limit))) return 0;
     }
     return 1;
 }

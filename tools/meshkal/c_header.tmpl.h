@@ -14,8 +14,8 @@ static void MK_F(put_node)(FILE *out, const char *name, const mk_scenario_t *s, 
     (void)fprintf(out,
                   "#include <meshkal/unrolled.h>\n\n/* %d states, at most %d rows, %d slots. To save flash: MK_RKFD of <meshkal/rkfd.h>. */\n"
                   "MK_RKFD_UNROLLED(%s, " MK_REAL_SUFFIX ", %d, %d, %d);\n\n/* Node in each slot: this one, then its neighbours. */\n"
-                  "static const uint16_t %s_slot[%d] = {",
-                  n, m, slots, name, n, m, slots, name, slots);
+                  "static const uint%d_t %s_slot[%d] = {",
+                  n, m, slots, name, n, m, slots, s->nodes <= 65536 ? 16 : 32, name, slots);
     for (int l = 0; l < slots; l++) (void)fprintf(out, "%s%d", l ? ", " : "", topology->slot[topology->first[k] + l]);
     (void)fprintf(out, "};\nstatic const uint8_t %s_rows[%d] = {", name, slots);
     for (int l = 0; l < slots; l++) (void)fprintf(out, "%s%d", l ? ", " : "", config.rows[l]);

@@ -52,7 +52,7 @@ typedef struct {
     mk_runner_t *runner;
     outcome_t *outcome;
     mk_record_t *record; /* one for each outcome */
-    mk_run_log_t *part;  /* logs of runs that are not the next one to be written */
+    mk_run_log_t *part;  /* logs of runs that wait for those before them; null if none does */
     /* rank 0 */
     mk_run_log_t log;
     mk_kept_t kept;
@@ -79,12 +79,16 @@ static void show_progress(void *context, int t) {
 static void run_one(void *context, int worker, long index) {
     mk_running_t *r = context;
     outcome_t *outcome = &r->outcome[index];
-    const int direct = r->part == NULL, rank = r->sharing == r->team ? 0 : r->team->rank;
+    const int rank = r->sharing == r->team ? 0 : r->team->rank, direct = !r->part || (rank == 0 && index == 0);
     mk_run_log_t *log = !r->c->log_path || r->sharing->rank > 0 ? NULL : direct ? &r->log : &r->part[index];
     mk_runner_t *runner = &r->runner[worker];
     memset(outcome, 0, sizeof *outcome);
     outcome->run = r->shared.next_run + rank * r->workers * r->chunk + (int)index;
-    if (outcome->run >= r->c->runs || (mk_stopped() && r->sharing->ranks == 1)) return;
+    if (outcome->run >= r->c->runs) return;
+    if (mk_stopped() && r->sharing->ranks == 1) {
+        outcome->state = MK_RUN_STOPPED;
+        return;
+    }
     if (log && !direct) mk_log_keep(log);
     const long before = runner->steps_done;
     const int watched = r->c->progress && worker == 0 && r->team->rank == 0;
@@ -96,7 +100,7 @@ static void run_one(void *context, int worker, long index) {
     outcome->log_length = log->out.used;
 }
 
-/* On rank 0, in the order of runs. */
+/* On rank 0, in the order of runs. After one that did not end well none counts, though some may be done: there are no gaps. */
 static void commit(mk_running_t *r, const outcome_t *outcome, const double *record, const void *log) {
     if (r->shared.state != MK_RUN_DONE || outcome->state == MK_RUN_NONE) return;
     r->result->steps_done += outcome->steps_done;
@@ -131,11 +135,16 @@ static void finish_round(mk_running_t *r) {
     const int outcomes = r->workers * r->chunk;
     mk_cbor_t bytes = {NULL, 0, 0};
     for (int i = 0; i < outcomes; i++) {
-        if (r->sharing == r->team && r->team->rank > 0) break; /* a shared network has one record, that of rank 0 */
-        mk_cbor_append(&bytes, &r->outcome[i], sizeof r->outcome[i]);
-        mk_cbor_append(&bytes, r->record[i].value, r->record[i].count * sizeof(double));
-        if (r->outcome[i].log_length > 0) mk_cbor_append(&bytes, r->part[i].out.buffer, r->outcome[i].log_length);
-        if (r->part) free(r->part[i].out.buffer);
+        const outcome_t *outcome = &r->outcome[i];
+        unsigned char *log = r->part ? r->part[i].out.buffer : NULL;
+        if (r->team->rank == 0) {
+            commit(r, outcome, r->record[i].value, log);
+        } else if (r->sharing != r->team) { /* a shared network has one record, that of rank 0 */
+            mk_cbor_append(&bytes, outcome, sizeof *outcome);
+            mk_cbor_append(&bytes, r->record[i].value, r->record[i].count * sizeof(double));
+            if (outcome->log_length > 0) mk_cbor_append(&bytes, log, outcome->log_length);
+        }
+        free(log);
         if (r->part) memset(&r->part[i], 0, sizeof r->part[i]);
     }
     r->team->collect(r->team, bytes.buffer, bytes.used, take_outcomes, r);
@@ -196,14 +205,27 @@ static int run_logged(mk_running_t *r, mk_error_t *error) {
     return r->team->agree(r->team, good, error) ? 0 : MK_EXIT_FAILED;
 }
 
+/* Bytes of logs that may wait in memory for those of the runs before them. */
+#define LOG_ROOM 268435456.0
+
+/* About the bytes of a run's log. */
+static double log_bytes(const mk_running_t *r, int estimators) {
+    const mk_scenario_t *s = r->c->scenario;
+    const double numbers = r->source->row_first[s->nodes] + (double)estimators * (s->n + MK_PACKED(s->position_count) + 7);
+    return r->c->steps * (8.0 * numbers + 2.0 * s->first[s->nodes]);
+}
+
 static void open_runners(mk_running_t *r) {
     const mk_campaign_t *c = r->c;
     const int alone = r->sharing->ranks == 1, share = (c->runs + r->team->ranks - 1) / r->team->ranks;
+    const int E = c->filter->central ? 1 : c->scenario->nodes;
     r->workers = !alone ? 1 : c->threads < share ? c->threads : share;
+    /* With long logs the threads share the nodes of one run instead. */
+    if (c->log_path) r->workers = (int)fmin(r->workers, 1.0 + floor(LOG_ROOM / log_bytes(r, E)));
     /* Several runs at a time keep threads busy; with a log they would wait in memory. */
     r->chunk = !alone || c->log_path ? 1 : share / (4 * r->workers) + 1;
     if (r->chunk > 16) r->chunk = 16;
-    const int outcomes = r->workers * r->chunk, E = c->filter->central ? 1 : c->scenario->nodes;
+    const int outcomes = r->workers * r->chunk;
     r->runner = mk_allocate((size_t)r->workers, sizeof *r->runner);
     r->outcome = mk_allocate((size_t)outcomes, sizeof *r->outcome);
     r->record = mk_allocate((size_t)outcomes, sizeof *r->record);
@@ -220,6 +242,23 @@ static void close_runners(mk_running_t *r) {
     free(r->outcome);
     free(r->record);
     free(r->part);
+}
+
+static int find_tolerances(mk_running_t *r, mk_error_t *error) {
+    const mk_campaign_t *c = r->c;
+    r->tolerance = mk_allocate((size_t)r->topology.estimators, sizeof *r->tolerance);
+    const int good = mk_filter_tolerances(c->filter, c->scenario, c->tolerance, c->steps, &r->topology, c->threads, r->tolerance, &r->schedule, error);
+    if (r->team->agree(r->team, good, error)) return 1;
+    if (r->sharing->ranks > 1 && r->team->rank == 0) {
+        /* Several parts may have failed: which node would one process name? */
+        const mk_topology_t whole = mk_distributed_topology(c->scenario);
+        double *tolerance = mk_allocate((size_t)whole.estimators, sizeof *tolerance), *schedule;
+        (void)mk_filter_tolerances(c->filter, c->scenario, c->tolerance, c->steps, &whole, c->threads, tolerance, &schedule, error);
+        free(tolerance);
+        free(schedule);
+    }
+    r->team->spread(r->team, error, sizeof *error);
+    return 0;
 }
 
 int mk_campaign_run(const mk_campaign_t *c, const mk_source_t *source, mk_team_t *team, mk_result_t *result, mk_error_t *error) {
@@ -242,8 +281,7 @@ int mk_campaign_run(const mk_campaign_t *c, const mk_source_t *source, mk_team_t
     result->estimators = c->filter->central ? 1 : s->nodes;
     mk_statistics_open(&result->statistics, s->n, c->steps, result->estimators);
     int status = MK_EXIT_INPUT;
-    r.tolerance = mk_allocate((size_t)r.topology.estimators, sizeof *r.tolerance);
-    if (team->agree(team, mk_filter_tolerances(c->filter, s, c->tolerance, c->steps, &r.topology, c->threads, r.tolerance, &r.schedule, error), error)) {
+    if (find_tolerances(&r, error)) {
         open_runners(&r);
         status = run_logged(&r, error);
         close_runners(&r);

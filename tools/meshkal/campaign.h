@@ -5,7 +5,6 @@
 #define MESHKAL_CAMPAIGN_H
 
 #include "filter.h"
-#include "filter.h"
 #include "network.h"
 #include "record.h"
 #include "run_log.h"

@@ -241,7 +241,7 @@ static void print_nodes(const results_t *r, int i) {
     const mk_scenario_t *s = r->analysis.scenario;
     const mk_performance_t *p = &r->result[i], *nominal = &r->nominal[i];
     const int many = p->estimators > 40;
-    (void)printf("\n%7s %6s %12s %10s %9s %14s %15s\n", "node", "degree", "tolerance", "theta", "MSD [dB]", "position [dB]", "lost here [dB]");
+    (void)printf("\n%7s %6s %12s %10s %9s %14s %15s\n", "node", "degree", "tolerance", "theta", "MSD [dB]", "position [dB]", "loss [dB]");
     for (int k = 0; k < p->estimators; k++) {
         if (many && k >= 10 && k < p->estimators - 3) continue;
         (void)printf("%7d %6d %12.6g %10.5g", k, s->first[k + 1] - s->first[k], p->node_tolerance[k], p->node_theta[k]);
@@ -259,9 +259,9 @@ static void print_table(const results_t *r) {
     const mk_performance_t *last = NULL;
     int steady = 1;
     (void)printf("%s: %d nodes, %d states, %s model over %d steps; c = %g (twice the Kullback-Leibler divergence, nats)\n"
-                 "Mean squared deviation at t = %d, by covariances. Lost: against the same filter under the nominal model.\n\n",
+                 "Mean squared deviation at t = %d, by covariances. Loss: against the same filter under the nominal model.\n\n",
                  s->name[0] ? s->name : "scenario", s->nodes, s->n, a->nominal ? "nominal" : "least favourable", a->horizon, a->tolerance, a->horizon / 2);
-    (void)printf("%-8s %9s %13s %14s %9s %8s %8s %9s\n", "filter", "MSD [dB]", "position [dB]", "lost here [dB]", "mean c", "theta", "worst", "MSD [dB]");
+    (void)printf("%-8s %9s %13s %14s %9s %8s %8s %9s\n", "filter", "MSD [dB]", "position [dB]", "loss [dB]", "mean c", "theta", "worst", "MSD [dB]");
     for (int i = 0; i < MK_FILTERS; i++) {
         if (!chosen(r, i)) continue;
         print_filter(r, i);

@@ -103,7 +103,7 @@ static int run_filters(mk_campaign_t *c, const mk_source_t *source, mk_team_t *t
         c->filter = &mk_filters[i];
         if (ran) mk_result_free(&result);
         const int status = mk_campaign_run(c, source, team, &result, error);
-        if (status) return status;
+        if (status) return ran ? MK_EXIT_FAILED : status; /* filters before this one did their work */
         *interrupted = result.interrupted;
         if (team->rank > 0) {
             ran = 1;
@@ -148,7 +148,7 @@ int mk_command_simulate(int argc, char **argv, struct mk_team *given) {
     mk_scenario_t scenario;
     mk_campaign_t c;
     mk_source_t source;
-    char identity[512] = "", shares[640];
+    char identity[512] = "", shares[768];
     const char *path;
     int interrupted = 0, status = MK_EXIT_INPUT;
     memset(&a, 0, sizeof a);
@@ -158,9 +158,10 @@ int mk_command_simulate(int argc, char **argv, struct mk_team *given) {
     int good = read_arguments(argc, argv, !given, &a, &path, &error) && mk_scenario_load(&scenario, path, &error) &&
                set_campaign(&c, &a, &scenario, team, &error) && open_source(&source, &c, &a, &error);
     if (good) identify(identity, sizeof identity, &c, &source);
-    (void)snprintf(shares, sizeof shares, "%s filter %s runs %d split %d out %d json %d resume %d", identity, a.filter ? a.filter : "", c.runs,
-                   c.split_nodes, a.out != NULL, a.json != NULL, a.resume != NULL);
-    good = team->agree(team, good, &error) && team->same(team, shares, "the scenario or an option", &error);
+    (void)snprintf(shares, sizeof shares, "%s data %s filter %s runs %d threads %d split %s out %d json %d resume %d", identity,
+                   source.sha256[0] ? source.sha256 : "drawn", c.filter ? c.filter->name : "all", c.runs, c.threads, c.split_nodes ? "nodes" : "runs",
+                   a.out != NULL, a.json != NULL, a.resume != NULL);
+    good = team->agree(team, good, &error) && team->same(team, shares, &error);
     if (good) {
         mk_catch_signals();
         c.log_path = a.out;

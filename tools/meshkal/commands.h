@@ -11,6 +11,7 @@ int mk_command_design(int argc, char **argv);
 struct mk_team;
 int mk_command_simulate(int argc, char **argv, struct mk_team *team);
 int mk_command_analyze(int argc, char **argv);
+int mk_command_fit(int argc, char **argv);
 int mk_command_scenario(int argc, char **argv);
 
 enum { MK_EXIT_FAILED = 1, MK_EXIT_INPUT = 2 };
@@ -31,5 +32,7 @@ int mk_option_real(const char *name, const char *text, double least, double most
 
 /* Prints "meshkal: message" to standard error and returns status. */
 int mk_complain(const mk_error_t *error, int status);
+/* At the end: status, or FAILED with a complaint if what went to standard output did not arrive. */
+int mk_finish(int status);
 
 #endif

@@ -3,12 +3,13 @@
 
 #include <cbor.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "cbor_out.h"
-#include "file.h"
 
 static const char format[] = "meshkal-runs";
 
@@ -41,8 +42,8 @@ static const unsigned char *numbers(const cbor_item_t *item, size_t count) {
 }
 
 static int take_record(mk_kept_t *kept, const cbor_item_t *item, mk_error_t *error) {
-    const cbor_item_t *run = member(item, "run");
-    if (!is_text(member(item, "filter"), kept->filter)) return 1;
+    const cbor_item_t *run = member(item, "run"), *filter = member(item, "filter");
+    if (filter && !is_text(filter, kept->filter)) return 1;
     const unsigned char *bytes = numbers(member(item, "record"), kept->count);
     if (!run || !cbor_isa_uint(run) || !bytes || cbor_get_int(run) != (uint64_t)kept->runs)
         return mk_fail(error, "%s: the record of run %d of %s is damaged", kept->path, kept->runs, kept->filter);
@@ -59,10 +60,10 @@ static int read_items(mk_kept_t *kept, const char *campaign, const char *data, s
     for (*good = 0; *good < length;) {
         struct cbor_load_result result;
         cbor_item_t *item = cbor_load((const unsigned char *)data + *good, length - *good, &result);
-        if (!item) {
-            if (*good > 0) return 1;
-            return mk_fail(error, "%s: not a file of kept runs", kept->path);
-        }
+        if (!item && *good == 0) return mk_fail(error, "%s: not a file of kept runs", kept->path);
+        if (!item && result.error.code != CBOR_ERR_NOTENOUGHDATA)
+            return mk_fail(error, "%s: damaged after byte %zu: what stands before it can be kept", kept->path, *good);
+        if (!item) return 1;
         int fine = 1;
         if (*good > 0) fine = take_record(kept, item, error);
         else if (!is_text(member(item, "format"), format)) fine = mk_fail(error, "%s: not a file of kept runs", kept->path);
@@ -75,33 +76,61 @@ static int read_items(mk_kept_t *kept, const char *campaign, const char *data, s
     return 1;
 }
 
-static int write_item(mk_kept_t *kept, mk_cbor_t *out, mk_error_t *error) {
-    const int good = fwrite(out->buffer, 1, out->used, kept->stream) == out->used && fflush(kept->stream) == 0;
-    const int cause = errno;
-    free(out->buffer);
-    return good || mk_fail(error, "%s: %s", kept->path, strerror(cause));
+static int write_item(mk_kept_t *kept, const mk_cbor_t *item, mk_error_t *error) {
+    const int good = fwrite(item->buffer, 1, item->used, kept->stream) == item->used && fflush(kept->stream) == 0;
+    return good || mk_fail(error, "%s: %s", kept->path, strerror(errno));
+}
+
+/* The file for this process alone, and what it holds; free that. Null and an error on failure. */
+static char *take_file(mk_kept_t *kept, size_t *length, mk_error_t *error) {
+    struct stat there;
+    /* Devices and pipes may never end. */
+    if (stat(kept->path, &there) == 0 && !S_ISREG(there.st_mode)) {
+        (void)mk_fail(error, "%s: not a plain file", kept->path);
+        return NULL;
+    }
+    kept->stream = fopen(kept->path, "a+b");
+    struct flock lock;
+    memset(&lock, 0, sizeof lock);
+    lock.l_type = F_WRLCK;
+    lock.l_whence = SEEK_SET;
+    if (kept->stream && fcntl(fileno(kept->stream), F_SETLK, &lock) != 0 && (errno == EACCES || errno == EAGAIN)) {
+        (void)mk_fail(error, "%s: another campaign is writing to it", kept->path);
+        return NULL;
+    }
+    if (!kept->stream || fstat(fileno(kept->stream), &there) != 0) {
+        (void)mk_fail(error, "%s: %s", kept->path, strerror(errno));
+        return NULL;
+    }
+    *length = (size_t)there.st_size;
+    char *data = mk_allocate(*length, 1);
+    rewind(kept->stream);
+    if (fread(data, 1, *length, kept->stream) == *length && fseek(kept->stream, 0, SEEK_END) == 0) return data;
+    (void)mk_fail(error, "%s: %s", kept->path, strerror(ferror(kept->stream) ? errno : EIO));
+    free(data);
+    return NULL;
 }
 
 int mk_kept_open(mk_kept_t *kept, const char *path, const char *campaign, const char *filter, size_t count, mk_error_t *error) {
+    const int is_new = access(path, F_OK) != 0;
+    size_t length = 0, good = 0;
+    mk_cbor_t head = {NULL, 0, 0};
     memset(kept, 0, sizeof *kept);
     kept->path = path;
     kept->filter = filter;
     kept->count = count;
-    kept->stream = fopen(path, "ab");
-    if (!kept->stream) return mk_fail(error, "%s: %s", path, strerror(errno));
-    size_t length = 0, good = 0;
-    char *data = mk_read_file(path, &length, error);
-    int fine = data && read_items(kept, campaign, data, length, &good, error);
-    free(data);
+    mk_cbor_map(&head, 3);
+    mk_cbor_pair(&head, "format", format);
+    mk_cbor_count(&head, "format_version", 1);
+    mk_cbor_pair(&head, "campaign", campaign);
+    char *data = take_file(kept, &length, error);
+    const int has_head = data && !(length < head.used && memcmp(data, head.buffer, length) == 0);
+    int fine = data && (!has_head || read_items(kept, campaign, data, length, &good, error));
     if (fine && good < length && ftruncate(fileno(kept->stream), (off_t)good) != 0) fine = mk_fail(error, "%s: %s", path, strerror(errno));
-    if (fine && good == 0) {
-        mk_cbor_t out = {NULL, 0, 0};
-        mk_cbor_map(&out, 3);
-        mk_cbor_pair(&out, "format", format);
-        mk_cbor_count(&out, "format_version", 1);
-        mk_cbor_pair(&out, "campaign", campaign);
-        fine = write_item(kept, &out, error);
-    }
+    if (fine && !has_head) fine = write_item(kept, &head, error);
+    if (!fine && is_new && kept->stream) (void)remove(path);
+    free(data);
+    free(head.buffer);
     if (!fine) mk_kept_close(kept);
     return fine;
 }
@@ -112,7 +141,9 @@ int mk_kept_add(mk_kept_t *kept, int run, const double *record, mk_error_t *erro
     mk_cbor_pair(&out, "filter", kept->filter);
     mk_cbor_count(&out, "run", (uint64_t)run);
     mk_cbor_typed(&out, "record", MK_CBOR_FLOAT64, record, sizeof *record, kept->count);
-    return write_item(kept, &out, error);
+    const int good = write_item(kept, &out, error);
+    free(out.buffer);
+    return good;
 }
 
 void mk_kept_close(mk_kept_t *kept) {

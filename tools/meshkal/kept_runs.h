@@ -17,8 +17,9 @@ typedef struct {
     double *records; /* of those, one after another */
 } mk_kept_t;
 
-/* Opens the file, which may not exist yet, and reads what it holds of the filter. campaign: everything that decides the numbers of a run but
-   the filter; a file of another campaign is refused. An item that was cut is dropped. 1, or 0 and an error. */
+/* Opens the file, which may not exist yet, locks it against other processes, and reads what it holds of the filter. campaign: everything
+   that decides the numbers of a run but the filter; a file of another campaign is refused. An item that was cut is dropped, one that is
+   damaged refused. 1, or 0 and an error: the file is then as it was. */
 int mk_kept_open(mk_kept_t *kept, const char *path, const char *campaign, const char *filter, size_t count, mk_error_t *error);
 /* Adds a run, and makes sure that it is on its way to the disk. 1, or 0 and an error. */
 int mk_kept_add(mk_kept_t *kept, int run, const double *record, mk_error_t *error);

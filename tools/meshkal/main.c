@@ -1,5 +1,4 @@
 /* SPDX-License-Identifier: MIT */
-#include <errno.h>
 #include <meshkal/base.h>
 #include <stdio.h>
 #include <string.h>
@@ -45,6 +44,13 @@ static const char help[] =
     "    --threads N          (default: all cores; the numbers do not depend on it)\n"
     "    --json FILE          results for programs\n"
     "\n"
+    "meshkal fit SCENARIO.json [options]         the tolerance that logged data ask for, and who is not as the model says\n"
+    "    --states FILE.csv    logged true states: columns t,state,value\n"
+    "    --measurements FILE.csv  logged readings: columns t,node,row,value\n"
+    "    --steps T            the first T steps only\n"
+    "    --level L            of intervals and tests (default 0.95)\n"
+    "    --json FILE          results for programs\n"
+    "\n"
     "meshkal scenario projectile [options]       a random draw of the published example, to standard output\n"
     "    --nodes N --seed S   (default 20 nodes, seed 1)\n"
     "    --density D          mean number of neighbours, the node itself included (default 5)\n"
@@ -62,6 +68,7 @@ static int run(int argc, char **argv) {
     if (strcmp(name, "design") == 0) return mk_command_design(argc - 1, argv + 1);
     if (strcmp(name, "simulate") == 0) return mk_command_simulate(argc - 1, argv + 1, NULL);
     if (strcmp(name, "analyze") == 0) return mk_command_analyze(argc - 1, argv + 1);
+    if (strcmp(name, "fit") == 0) return mk_command_fit(argc - 1, argv + 1);
     if (strcmp(name, "scenario") == 0) return mk_command_scenario(argc - 1, argv + 1);
     if (strcmp(name, "--version") == 0) {
         (void)puts("meshkal " MK_VERSION);
@@ -71,10 +78,4 @@ static int run(int argc, char **argv) {
     return MK_EXIT_INPUT;
 }
 
-int main(int argc, char **argv) {
-    const int status = run(argc, argv);
-    /* A table that did not arrive is a failure, too. */
-    if (status || (fflush(stdout) == 0 && !ferror(stdout))) return status;
-    (void)fprintf(stderr, "meshkal: standard output: %s\n", strerror(errno));
-    return MK_EXIT_FAILED;
-}
+int main(int argc, char **argv) { return mk_finish(run(argc, argv)); }

@@ -16,7 +16,7 @@
 /* Bytes of configurations up to which every estimator has its own, ready for its steps. */
 #define MOST_COPIED ((size_t)8 << 20)
 
-/* The first failure among them. */
+/* The failure among them that is_worse than all others. */
 typedef struct {
     mk_status_t status;
     int bad;

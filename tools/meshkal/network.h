@@ -38,6 +38,8 @@ typedef struct {
     void (*intermediate)(void *network, const int *estimator, int count, void *psi);
     /* estimate of the estimators begin .. end - 1 as float64, n each. Several threads may do this at once; so with `add`. */
     void (*estimate)(void *network, int begin, int end, double *estimate);
+    /* Normalised errors squared (x - xh)' V^-1 (x - xh) of all estimators, before a step. */
+    void (*nees)(void *network, const double *x, double *nees);
     /* Before a step: estimate and covariances. After it: the rest. */
     void (*look_before)(void *network, mk_snapshot_t *snapshot);
     void (*look_after)(void *network, mk_snapshot_t *snapshot);

@@ -180,7 +180,9 @@ static mk_status_t MK_F(set_tolerance)(void *network, const double *tolerance, i
     mk_status_t first = MK_OK;
     for (int e = 0; e < net->estimators; e++) {
         const mk_status_t status = MK_F(mk_rkfd_set_tolerance)(&net->core[e], (MK_REAL)tolerance[e]);
-        if (is_worse(net->topology, status, e, first, *bad)) first = status, *bad = e;
+        if (!is_worse(net->topology, status, e, first, *bad)) continue;
+        first = status;
+        *bad = e;
     }
     return first;
 }
@@ -247,7 +249,9 @@ static void MK_F(run_chunk)(void *context, int worker, long index) {
         const mk_status_t status = phase->kind == START       ? MK_F(start_one)(net, worker, e)
                                    : phase->kind == INCREMENT ? MK_F(incremental_one)(phase, worker, e)
                                                               : MK_F(diffuse_one)(phase, worker, e);
-        if (is_worse(net->topology, status, e, chunk->status, chunk->bad)) chunk->status = status, chunk->bad = e;
+        if (!is_worse(net->topology, status, e, chunk->status, chunk->bad)) continue;
+        chunk->status = status;
+        chunk->bad = e;
     }
 }
 
@@ -256,8 +260,12 @@ static mk_status_t MK_F(run_phase)(phase_t *phase, int *bad) {
     const int chunks = (phase->end - phase->begin + CHUNK - 1) / CHUNK;
     mk_parallel(net->threads, chunks, MK_F(run_chunk), phase);
     mk_status_t first = MK_OK;
-    for (int i = 0; i < chunks; i++)
-        if (is_worse(net->topology, net->chunk[i].status, net->chunk[i].bad, first, *bad)) first = net->chunk[i].status, *bad = net->chunk[i].bad;
+    for (int i = 0; i < chunks; i++) {
+        const chunk_t *chunk = &net->chunk[i];
+        if (!is_worse(net->topology, chunk->status, chunk->bad, first, *bad)) continue;
+        first = chunk->status;
+        *bad = chunk->bad;
+    }
     return first;
 }
 
@@ -288,6 +296,19 @@ static void MK_F(estimate)(void *network, int begin, int end, double *estimate) 
     const MK_REAL *const x = net->x + (size_t)begin * (size_t)net->n;
     const size_t count = (size_t)(end - begin) * (size_t)net->n;
     for (size_t i = 0; i < count; i++) estimate[i] = (double)x[i];
+}
+
+static void MK_F(nees)(void *network, const double *x, double *nees) {
+    MK_F_T(network) *net = network;
+    for (int e = 0; e < net->estimators; e++) {
+        const MK_REAL *xh = net->x + (size_t)e * (size_t)net->n, *W = net->W + (size_t)e * (size_t)MK_PACKED(net->n);
+        nees[e] = 0.0;
+        for (int i = 0; i < net->n; i++) {
+            double below = 0.0;
+            for (int j = 0; j < i; j++) below += (double)W[MK_AT(i, j)] * (x[j] - (double)xh[j]);
+            nees[e] += (x[i] - (double)xh[i]) * (2.0 * below + (double)W[MK_AT(i, i)] * (x[i] - (double)xh[i]));
+        }
+    }
 }
 
 static void MK_F(look_before)(void *network, mk_snapshot_t *snapshot) {
@@ -338,4 +359,4 @@ static void MK_F(add)(void *network, int begin, int end, mk_exact_t *sums) {
 
 const mk_network_t MK_F(mk_network) = {
     sizeof(MK_REAL), MK_REAL_NAME,       MK_F(open),     MK_F(close),       MK_F(start),      MK_F(set_tolerance), MK_F(incremental),
-    MK_F(diffuse),   MK_F(intermediate), MK_F(estimate), MK_F(look_before), MK_F(look_after), MK_F(add)};
+    MK_F(diffuse),   MK_F(intermediate), MK_F(estimate), MK_F(nees), MK_F(look_before), MK_F(look_after), MK_F(add)};

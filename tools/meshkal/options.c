@@ -44,6 +44,13 @@ int mk_option_real(const char *name, const char *text, double least, double most
     return 1;
 }
 
+int mk_finish(int status) {
+    const int arrived = fflush(stdout) == 0 && !ferror(stdout);
+    if (status || arrived) return status;
+    (void)fprintf(stderr, "meshkal: standard output: %s\n", strerror(errno));
+    return MK_EXIT_FAILED;
+}
+
 int mk_complain(const mk_error_t *error, int status) {
     (void)fprintf(stderr, "meshkal: %s\n", error->text);
     return status;

@@ -79,13 +79,12 @@ INLINE void combine(const mk_panel_step_t *s, int n, int width, int e, const dou
 
 /* to = from', both width x width. */
 INLINE void transpose(int width, const double *from, double *to) {
-    for (int i = 0; i < width; i += LANES)
-        for (int j = 0; j < width; j += LANES)
-            UNROLL for (int r = 0; r < LANES; r++) {
-                const double *x = from + i * width + j + r;
-                const lanes_t column = {x[0], x[width], x[2 * width], x[3 * width]};
-                STORE(to + (j + r) * width + i, column);
-            }
+    for (int j = 0; j < width; j++)
+        for (int i = 0; i < width; i += LANES) {
+            const double *x = from + i * width + j;
+            const lanes_t column = {x[0], x[width], x[2 * width], x[3 * width]};
+            STORE(to + j * width + i, column);
+        }
 }
 
 INLINE void map(const mk_panel_step_t *s, int n, int width, int p, const double *X, double *scratch) {

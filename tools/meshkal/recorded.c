@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 #include <math.h>
+#include <sodium.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -42,6 +43,18 @@ static void drop_partial(mk_source_t *source) {
         }
 }
 
+/* What the files say, however they say it. */
+static void hash(mk_source_t *source, size_t rows) {
+    const size_t steps = (size_t)source->steps, states = source->has_truth ? (size_t)source->scenario->n : 0;
+    unsigned char digest[crypto_hash_sha256_BYTES];
+    crypto_hash_sha256_state state;
+    (void)crypto_hash_sha256_init(&state);
+    (void)crypto_hash_sha256_update(&state, (const unsigned char *)source->all_y, steps * rows * sizeof *source->all_y);
+    (void)crypto_hash_sha256_update(&state, (const unsigned char *)source->all_x, steps * states * sizeof *source->all_x);
+    (void)crypto_hash_sha256_final(&state, digest);
+    (void)sodium_bin2hex(source->sha256, sizeof source->sha256, digest, sizeof digest);
+}
+
 int mk_source_record(mk_source_t *source, const mk_scenario_t *s, const char *measurements, const char *truth, int steps,
                      mk_error_t *error) {
     static const char *const y_names[] = {"t", "node", "row", "value"}, *const x_names[] = {"t", "state", "value"};
@@ -76,7 +89,11 @@ int mk_source_record(mk_source_t *source, const mk_scenario_t *s, const char *me
     }
     mk_csv_free(&y_file);
     mk_csv_free(&x_file);
-    if (good) drop_partial(source);
-    else mk_source_free(source);
+    if (good) {
+        drop_partial(source);
+        hash(source, rows);
+    } else {
+        mk_source_free(source);
+    }
     return good;
 }

@@ -229,40 +229,71 @@ static void finish_readings(mk_runner_t *r) {
     }
 }
 
+/* What can fail in a step, in the order in which it is done. */
+typedef enum { PHASE_START, PHASE_TOLERANCE, PHASE_INCREMENTAL, PHASE_DIFFUSE, PHASE_LOG, PHASES } phase_t;
+
+/* Keeps the failure of the lowest step, phase and node, with its text: the one that a single process meets. 1 if it is the first so far. */
+static int is_first(mk_runner_t *r, int t, phase_t phase, int node) {
+    const int64_t place = ((int64_t)t * PHASES + (int64_t)phase) * ((int64_t)1 << 30) + node;
+    if (r->failed >= 0 && r->failed <= place) return 0;
+    r->failed = place;
+    return 1;
+}
+
+/* Takes note of the failure of r->bad; 1 if there is none. */
+static int check(mk_runner_t *r, int run, int t, phase_t phase, mk_status_t status, mk_error_t *error) {
+    if (status == MK_OK) return 1;
+    const int node = mk_topology_id(r->topology, r->bad);
+    if (is_first(r, t, phase, node))
+        (void)mk_fail(error, "run %d, step %d, %s %d: %s%s", run, t, r->c->filter->central ? "central filter" : "node", node, mk_status_name(status),
+                      status == MK_ERROR_NOT_POSITIVE_DEFINITE ? ": its covariance has grown beyond this precision; does it observe all states?" : "");
+    return 0;
+}
+
 /* Both exchanges and both halves of a step. A part in which a node has failed goes on exchanging what it has, so that no other part waits. */
-static mk_status_t step_network(mk_runner_t *r, int t, int *bad) {
+static void step_network(mk_runner_t *r, int run, int t, mk_error_t *error) {
     const mk_network_t *network = r->c->network;
     const mk_topology_t *topology = r->topology;
     uint8_t *psi_arrived = r->c->filter->central ? NULL : r->psi_arrived;
     const int E = topology->estimators, inner = topology->interior;
     const double *y = r->stream.y;
     const int *rows = r->source->row_first;
-    mk_status_t status = MK_OK;
-    if (r->schedule) status = network->set_tolerance(r->net, r->schedule + (size_t)t * (size_t)E, bad);
+    int *bad = &r->bad, good = r->failed < 0;
+    mk_status_t status;
+    if (r->schedule && good) {
+        status = network->set_tolerance(r->net, r->schedule + (size_t)t * (size_t)E, bad);
+        good = check(r, run, t, PHASE_TOLERANCE, status, error);
+    }
     begin_readings(r);
-    if (status == MK_OK) status = network->incremental(r->net, 0, inner, y, rows, r->y_arrived, bad);
+    /* The inner nodes' failure does not hide that of a lower one among the rest. */
+    const int begun = good;
+    if (begun) {
+        status = network->incremental(r->net, 0, inner, y, rows, r->y_arrived, bad);
+        good = check(r, run, t, PHASE_INCREMENTAL, status, error);
+    }
     finish_readings(r);
-    if (status == MK_OK) status = network->incremental(r->net, inner, E, y, rows, r->y_arrived, bad);
+    if (begun) {
+        status = network->incremental(r->net, inner, E, y, rows, r->y_arrived, bad);
+        good = check(r, run, t, PHASE_INCREMENTAL, status, error) && good;
+    }
     network->intermediate(r->net, topology->send_estimator, topology->sends, r->send);
     r->team->begin(r->team, MK_STAGE_ESTIMATE, r->send, r->receive);
-    if (status == MK_OK) status = network->diffuse(r->net, 0, inner, psi_arrived, NULL, bad);
+    if (good) {
+        status = network->diffuse(r->net, 0, inner, psi_arrived, NULL, bad);
+        (void)check(r, run, t, PHASE_DIFFUSE, status, error);
+    }
     r->team->finish(r->team);
-    if (status == MK_OK) status = network->diffuse(r->net, inner, E, psi_arrived, r->receive, bad);
-    return status;
-}
-
-static void fail(mk_runner_t *r, int run, int t, int node, mk_status_t status, mk_error_t *error) {
-    r->failed_step = t;
-    r->failed_node = node;
-    (void)mk_fail(error, "run %d, step %d, %s %d: %s%s", run, t, r->c->filter->central ? "central filter" : "node", node, mk_status_name(status),
-                  status == MK_ERROR_NOT_POSITIVE_DEFINITE ? ": its covariance has grown beyond this precision; does it observe all states?" : "");
+    if (good) {
+        status = network->diffuse(r->net, inner, E, psi_arrived, r->receive, bad);
+        (void)check(r, run, t, PHASE_DIFFUSE, status, error);
+    }
 }
 
 /* The sums of the steps that wait, into the record. What the parts know of trouble comes with them. */
 static mk_run_state_t add_up(mk_runner_t *r, mk_record_t *record) {
     const int steps = r->c->steps, truth = r->source->has_truth, position = r->c->scenario->position_count > 0;
     const double total = r->total, window = steps - steps / 2;
-    r->sums[0].digit[0] = r->failed_step >= 0;
+    r->sums[0].digit[0] = r->failed >= 0;
     r->sums[0].digit[1] = mk_stopped();
     r->team->sum(r->team, r->sums, 1 + (size_t)r->waiting * STEP_SUMS);
     const mk_run_state_t state = r->sums[0].digit[0] ? MK_RUN_FAILED : r->sums[0].digit[1] ? MK_RUN_STOPPED : MK_RUN_DONE;
@@ -301,22 +332,20 @@ static void finish_record(mk_runner_t *r, mk_record_t *record) {
 }
 
 typedef struct {
-    int step, node;
+    int64_t place;
     mk_error_t error;
 } failure_t;
 
-/* On rank 0: the failure of the lowest step, then of the lowest node. */
 static void take_failure(void *context, const void *bytes, size_t length) {
     failure_t *first = context, next;
     memcpy(&next, bytes, length);
-    if (next.step < 0) return;
-    if (first->step < 0 || next.step < first->step || (next.step == first->step && next.node < first->node)) *first = next;
+    if (next.place >= 0 && (first->place < 0 || next.place < first->place)) *first = next;
 }
 
 static void agree_on_failure(mk_runner_t *r, mk_error_t *error) {
-    failure_t own = {r->failed_step, r->failed_node, *error}, first;
+    failure_t own = {r->failed, *error}, first;
     memset(&first, 0, sizeof first);
-    first.step = -1;
+    first.place = -1;
     r->team->collect(r->team, &own, sizeof own, take_failure, &first);
     r->team->spread(r->team, &first, sizeof first);
     *error = first.error;
@@ -324,7 +353,6 @@ static void agree_on_failure(mk_runner_t *r, mk_error_t *error) {
 
 static void one_step(mk_runner_t *r, int run, int t, mk_error_t *error) {
     const mk_network_t *network = r->c->network;
-    int bad = 0;
     mk_stream_step(&r->stream, run, t);
     draw_links(r, run, t);
     if (r->source->has_truth) {
@@ -332,8 +360,7 @@ static void one_step(mk_runner_t *r, int run, int t, mk_error_t *error) {
         for_all(r, run, t, take_some_errors);
     }
     if (r->c->log_path) network->look_before(r->net, &r->snapshot);
-    const mk_status_t status = step_network(r, t, &bad);
-    if (status != MK_OK && r->failed_step < 0) fail(r, run, t, mk_topology_id(r->topology, bad), status, error);
+    step_network(r, run, t, error);
     if (t >= r->c->steps / 2) for_all(r, run, t, take_some_findings);
     r->waiting++;
 }
@@ -344,15 +371,14 @@ mk_run_state_t mk_runner_run(mk_runner_t *r, int run, mk_record_t *record, mk_ru
     const size_t E = (size_t)r->topology->estimators, n = (size_t)c->scenario->n;
     const int wait = c->log_path || r->team->ranks == 1 ? 1 : LONGEST_WAIT;
     mk_run_state_t state = MK_RUN_DONE;
-    int bad = 0;
     r->from = r->waiting = 0;
-    r->failed_step = r->failed_node = -1;
+    r->failed = -1;
     memset(r->state_square, 0, E * n * sizeof *r->state_square);
     memset(r->node_square, 0, (E + n) * sizeof *r->node_square); /* and state_known */
     memset(record->value, 0, record->count * sizeof *record->value);
     memset(error, 0, sizeof *error);
-    const mk_status_t status = c->network->start(r->net, &bad);
-    if (status != MK_OK) fail(r, run, 0, mk_topology_id(r->topology, bad), status, error);
+    const mk_status_t status = c->network->start(r->net, &r->bad);
+    (void)check(r, run, 0, PHASE_START, status, error);
     for (int t = 0; t < c->steps && state == MK_RUN_DONE; t++) {
         one_step(r, run, t, error);
         if (r->waiting == wait || t + 1 == c->steps) state = add_up(r, record);
@@ -362,8 +388,7 @@ mk_run_state_t mk_runner_run(mk_runner_t *r, int run, mk_record_t *record, mk_ru
             /* A centre has nobody to exchange estimates with: nothing is missing. */
             if (c->filter->central) r->snapshot.faults[0] &= ~(uint32_t)MK_FAULT_ESTIMATE_MISSING;
             write_item(r, log, run, t);
-            if (log && log->failed) {
-                r->failed_step = t;
+            if (log && log->failed && is_first(r, t, PHASE_LOG, 0)) {
                 (void)mk_fail(error, "writing the log: %s", strerror(log->failed));
                 if (r->team->ranks == 1) return MK_RUN_FAILED;
             }

@@ -28,7 +28,8 @@ typedef struct {
     int waiting, from; /* steps that wait, the first of them */
     unsigned char *send, *receive, *gathered;
     double *own_y; /* rows of the part's own sensors; null where the process holds all */
-    int failed_step, failed_node; /* of this part; -1 none */
+    int64_t failed; /* where this part failed first, in the order in which one process would have met it; -1: nowhere */
+    int bad;
     long steps_done;
 } mk_runner_t;
 

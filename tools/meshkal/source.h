@@ -26,6 +26,7 @@ typedef struct {
     double *F, *S;
     /* recorded: steps x n, steps x rows */
     double *all_x, *all_y;
+    char sha256[65]; /* of those two; empty if drawn */
 } mk_source_t;
 
 /* An empty source of a scenario, row_first filled. */

@@ -9,10 +9,9 @@ static int agree(mk_team_t *team, int good, mk_error_t *error) {
     return good;
 }
 
-static int same(mk_team_t *team, const char *text, const char *what, mk_error_t *error) {
+static int same(mk_team_t *team, const char *text, mk_error_t *error) {
     (void)team;
     (void)text;
-    (void)what;
     (void)error;
     return 1;
 }

@@ -15,8 +15,8 @@ struct mk_team {
     int rank, ranks;
     /* 1 on all if good on all; else 0 on all, with the error of the lowest rank that failed. */
     int (*agree)(mk_team_t *team, int good, mk_error_t *error);
-    /* 1 if all hold the same text; else 0 and an error that says `what` differs. */
-    int (*same)(mk_team_t *team, const char *text, const char *what, mk_error_t *error);
+    /* 1 if all hold the same text, pairs of a name and a value between blanks; else 0 and an error that names the first pair that differs. */
+    int (*same)(mk_team_t *team, const char *text, mk_error_t *error);
     /* Rank 0 calls take(context, bytes, length) for what every rank brings, in the order of ranks; the others only bring. */
     void (*collect)(mk_team_t *team, const void *bytes, size_t length, void (*take)(void *context, const void *bytes, size_t length), void *context);
     /* The bytes of rank 0 on all. */

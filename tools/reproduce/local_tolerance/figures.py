@@ -17,7 +17,7 @@ from matplotlib.colors import ListedColormap, Normalize  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 
 from . import published  # noqa: E402
-from .draws import FILTERS, Draw  # noqa: E402
+from .draws import FILTERS, HORIZON, Draw  # noqa: E402
 from .networks import mean_degree, neighbourhoods  # noqa: E402
 from .properties import decibels  # noqa: E402
 from .styles import ON_WHITE  # noqa: E402
@@ -43,6 +43,8 @@ _SCALE = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0.0, 0.9, 25
 _STEP = "step t"
 _MSD = "MSD of all states, dB"
 _TRANSIENT_STEPS = 50
+# The least favourable model of a longer horizon, so that its end is not seen.
+_STEPS = np.arange(HORIZON + 1)
 
 
 def write(out: Path, draws: list[Draw]) -> None:
@@ -65,8 +67,9 @@ def _save(path: Path, make: Callable, argument: Draw | list[Draw]) -> None:
 
 
 def _line(axes: Axes, name: str, x: np.ndarray, y: np.ndarray, **style: object) -> None:
-    dashes = (0, (4, 3)) if name == "rkfdnu2" else "solid"
-    axes.plot(x, y, **{"color": ON_WHITE[name], "linestyle": dashes, "label": _LABEL[name]} | style)
+    # RKFDNU2 lies on RKFDNU: in dashes, and on top.
+    dashes, order = ((0, (4, 3)), 3) if name == "rkfdnu2" else ("solid", 2)
+    axes.plot(x, y, **{"color": ON_WHITE[name], "linestyle": dashes, "zorder": order, "label": _LABEL[name]} | style)
 
 
 def network(draw: Draw) -> Figure:
@@ -83,7 +86,8 @@ def network(draw: Draw) -> Figure:
         axes.scatter(place[chosen, 0], place[chosen, 1], c=values[chosen], s=170, marker=marker, label=pair, **style)
     for k, (x, y) in enumerate(place):
         axes.annotate(str(k), (x, y), (8, 8), textcoords="offset points", fontsize=10)
-    axes.set(xlabel="x, m", ylabel="y, m", aspect="equal", title=f"Seed {draw.seed}: {mean_degree(draw.scenario):.1f} neighbours on average, itself included")
+    title = f"Seed {draw.seed}: {mean_degree(draw.scenario):.1f} neighbours on average, itself included"
+    axes.set(xlabel="x, m", ylabel="y, m", aspect="equal", title=title)
     legend = axes.legend(title="position components measured", ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.1))
     for handle in legend.legend_handles:
         handle.set_array(None)
@@ -98,13 +102,17 @@ def _measured_axes(scenario: dict, node: dict) -> str:
     return ", ".join(axis for axis, state in zip("xyz", states) if any(row[state] for row in node["C"]))
 
 
+def _title(draw: Draw) -> str:
+    return f"Under the least favourable model, c = {draw.tolerance:g} (seed {draw.seed})"
+
+
 def msd(draw: Draw) -> Figure:
     figure, axes = plt.subplots()
-    for name in sorted(FILTERS, key=lambda f: -draw.least_favourable[f].msd_db):
+    for name in sorted(FILTERS, key=lambda f: -round(draw.least_favourable[f].msd_db, 3)):
         analysis = draw.least_favourable[name]
         level = f"{analysis.msd_db:.2f}".replace("-", "\N{MINUS SIGN}")
-        _line(axes, name, np.arange(len(analysis.msd)), decibels(analysis.msd), label=f"{_LABEL[name]}  {level} dB")
-    axes.set(xlabel=_STEP, ylabel=_MSD, title=f"Under the least favourable model, c = {draw.tolerance:g} (seed {draw.seed})", xlim=(0, len(analysis.msd) - 1))
+        _line(axes, name, _STEPS, decibels(analysis.msd[_STEPS]), label=f"{_LABEL[name]}  {level} dB")
+    axes.set(xlabel=_STEP, ylabel=_MSD, title=_title(draw), xlim=(0, HORIZON))
     axes.legend(title="steady value", alignment="left")
     return figure
 
@@ -118,7 +126,7 @@ def node_msd(draw: Draw) -> Figure:
         axes.scatter(beside, decibels(shown[name].node_msd), s=24, marker=marker, color=ON_WHITE[name], label=_LABEL[name], zorder=3)
     for name in ("kfc", "rkfc"):
         axes.axhline(shown[name].msd_db, color=ON_WHITE[name], label=f"{_LABEL[name]}, hears all")
-    axes.set(xlabel="node", ylabel="steady " + _MSD, title=f"Under the least favourable model, c = {draw.tolerance:g} (seed {draw.seed})", xticks=nodes)
+    axes.set(xlabel="node", ylabel="steady " + _MSD, title=_title(draw), xticks=nodes)
     axes.grid(visible=False, axis="x")
     for node in nodes[:-1]:
         axes.axvline(node + 0.5, color="#e4e4e4", linewidth=0.7)
@@ -129,7 +137,7 @@ def node_msd(draw: Draw) -> Figure:
 
 def tolerance(draw: Draw) -> Figure:
     figure, axes = plt.subplots()
-    values = draw.least_favourable["rkfdnu"].tolerance
+    values = draw.over_time["rkfdnu"].tolerance
     degrees = [len(near) for near in neighbourhoods(draw.scenario)]
     colours = Normalize(min(degrees), max(degrees))
     for k, degree in enumerate(degrees):
@@ -147,7 +155,7 @@ def theta(draw: Draw) -> Figure:
     degrees = [len(near) for near in neighbourhoods(draw.scenario)]
     colours = Normalize(min(degrees), max(degrees))
     for axes, name in zip(panels, ("rkfdu", "rkfdnu", "rkfdnu2")):
-        values = draw.least_favourable[name].theta
+        values = draw.over_time[name].theta
         for k, degree in enumerate(degrees):
             axes.plot(values[:, k], color=_SCALE(colours(degree)), linewidth=1.0)
         axes.set(xlabel=_STEP, title=f"{_LABEL[name]}, mean {draw.least_favourable[name].mean_theta:.3f}", xlim=(0, len(values) - 1), ylim=(0.0, None))
@@ -163,12 +171,12 @@ def densities(draw: Draw) -> Figure:
     tones = _SCALE(np.linspace(0.9, 0.1, len(draw.densities)))
     for tone, marker, (scenario, analysis) in zip(tones, "os^", draw.densities.values()):
         label = f"{mean_degree(scenario):.1f}"
-        over_time.plot(decibels(analysis.msd), color=tone, label=label)
+        over_time.plot(decibels(analysis.msd[_STEPS]), color=tone, label=label)
         by_node.scatter(np.arange(len(analysis.node_msd)), decibels(analysis.node_msd), color=tone, marker=marker, s=30, zorder=3)
     centre = draw.least_favourable["rkfc"]
-    over_time.plot(decibels(centre.msd), color=ON_WHITE["rkfc"], label="RKFC, hears all")
+    over_time.plot(decibels(centre.msd[_STEPS]), color=ON_WHITE["rkfc"], label="RKFC, hears all")
     by_node.axhline(centre.msd_db, color=ON_WHITE["rkfc"])
-    over_time.set(xlabel=_STEP, ylabel=_MSD, title=f"RKFDNU, c = {draw.tolerance:g} (seed {draw.seed})", xlim=(0, len(centre.msd) - 1))
+    over_time.set(xlabel=_STEP, ylabel=_MSD, title=f"RKFDNU, c = {draw.tolerance:g} (seed {draw.seed})", xlim=(0, HORIZON))
     over_time.legend(title="neighbours on average")
     by_node.set(xlabel="node", ylabel="steady " + _MSD, title="each node")
     by_node.set_xticks(np.arange(0, len(draw.scenario["nodes"]), 2))
@@ -188,7 +196,8 @@ def transient(draws: list[Draw]) -> Figure:
     level.legend()
     all_of_them = np.array([curve(draw, "rkfdnu2") - curve(draw, "rkfdnu") for draw in draws])
     label = f"{len(draws)} draws"
-    difference.fill_between(steps, all_of_them.min(axis=0), all_of_them.max(axis=0), color=ON_WHITE["rkfdnu2"], alpha=0.25, linewidth=0, label=label)
+    band = all_of_them.min(axis=0), all_of_them.max(axis=0)
+    difference.fill_between(steps, *band, color=ON_WHITE["rkfdnu2"], alpha=0.25, linewidth=0, label=label)
     difference.plot(steps, all_of_them[0], color=ON_WHITE["rkfdnu2"], label=f"seed {first.seed}")
     difference.axhline(0.0, color="black", linewidth=0.8)
     difference.set(xlabel=_STEP, ylabel="difference, dB", xlim=(0, _TRANSIENT_STEPS))
@@ -226,7 +235,9 @@ def _strip(axes: Axes, x: float, values: list[float], colour: str, paper: float 
     axes.scatter(x + offsets, values, s=22, color=colour, alpha=0.55, linewidths=0, label="a random draw" if x == 1 else None)
     axes.plot([x - 0.24, x + 0.24], [np.median(values)] * 2, color="black", linewidth=2.2, label="their median")
     if independent:
-        axes.plot([x + 0.33] * 2, [independent[0], independent[2]], color="#777777", linewidth=3, solid_capstyle="butt", label="another reproduction, 30 draws")
+        style = {"color": "#777777", "linewidth": 3, "solid_capstyle": "butt", "label": "another reproduction, 30 draws"}
+        axes.plot([x + 0.33] * 2, [independent[0], independent[2]], **style)
         axes.plot([x + 0.29, x + 0.37], [independent[1]] * 2, color="#777777", linewidth=2)
     if paper is not None:
-        axes.plot(x, paper, marker="D", markersize=9, markerfacecolor="white", markeredgecolor="#cc0000", markeredgewidth=2, linestyle="none", label="published")
+        style = {"marker": "D", "markersize": 9, "markerfacecolor": "white", "markeredgecolor": "#cc0000", "markeredgewidth": 2}
+        axes.plot(x, paper, linestyle="none", label="published", **style)

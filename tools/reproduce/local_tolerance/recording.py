@@ -11,7 +11,7 @@ from meshkal_rerun import colours
 from meshkal_rerun.output import recording_file
 from meshkal_rerun.recording import time_columns
 
-from .draws import FILTERS, Draw
+from .draws import FILTERS, HORIZON, Draw
 from .networks import mean_degree
 from .properties import decibels
 from .styles import ON_DARK
@@ -19,6 +19,7 @@ from .styles import ON_DARK
 _ROBUST = ("rkfdu", "rkfdnu", "rkfdnu2")
 _MAPPED = ("kfd", "rkfdu", "rkfdnu")
 _NODE_RADIUS_M = 7.0
+_STEPS = HORIZON + 1
 
 
 def write(path: Path, draws: list[Draw], table: str) -> None:
@@ -34,19 +35,19 @@ def write(path: Path, draws: list[Draw], table: str) -> None:
         for name in FILTERS:
             # Wide under narrow: both show where they agree.
             width = 5.0 if name == "rkfdnu" else 2.0
-            _series(rec, draw, f"msd/{name}", decibels(draw.least_favourable[name].msd), name.upper(), _packed(ON_DARK[name]), width)
-        transient = decibels(draw.least_favourable["rkfdnu2"].msd) - decibels(draw.least_favourable["rkfdnu"].msd)
+            _series(rec, draw, f"msd/{name}", decibels(draw.least_favourable[name].msd[:_STEPS]), name.upper(), _packed(ON_DARK[name]), width)
+        transient = decibels(draw.least_favourable["rkfdnu2"].msd[:_STEPS]) - decibels(draw.least_favourable["rkfdnu"].msd[:_STEPS])
         _series(rec, draw, "transient", transient, "RKFDNU2 - RKFDNU", _packed(ON_DARK["rkfdnu2"]), 2.0)
         tones = colours.scale_colours(np.arange(len(draw.densities), dtype=float), 0.0, len(draw.densities) - 1.0)
         for tone, (density, (scenario, analysis)) in zip(tones[::-1], draw.densities.items()):
             label = f"RKFDNU, {mean_degree(scenario):.1f} neighbours"
-            _series(rec, draw, f"density/{density}", decibels(analysis.msd), label, tone, 2.0)
-        _series(rec, draw, "density/rkfc", decibels(draw.least_favourable["rkfc"].msd), "RKFC, hears all", _packed(ON_DARK["rkfc"]), 2.0)
-        _nodes(rec, draw, "tolerance", draw.least_favourable["rkfdnu"].tolerance)
-        constant = np.full(len(draw.least_favourable["rkfdu"].tolerance), draw.tolerance)
+            _series(rec, draw, f"density/{density}", decibels(analysis.msd[:_STEPS]), label, tone, 2.0)
+        _series(rec, draw, "density/rkfc", decibels(draw.least_favourable["rkfc"].msd[:_STEPS]), "RKFC, hears all", _packed(ON_DARK["rkfc"]), 2.0)
+        _nodes(rec, draw, "tolerance", draw.over_time["rkfdnu"].tolerance)
+        constant = np.full(len(draw.over_time["rkfdu"].tolerance), draw.tolerance)
         _series(rec, draw, "tolerance/c", constant, "c", colours.REFERENCE, 2.0)
         for name in _ROBUST:
-            _nodes(rec, draw, f"theta/{name}", draw.least_favourable[name].theta)
+            _nodes(rec, draw, f"theta/{name}", draw.over_time[name].theta)
         for name in _MAPPED:
             _map(rec, draw, name, low, high)
 
