@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "division.h"
 #include "partition.h"
 
 /* MPI counts in int: longer messages go in pieces. */

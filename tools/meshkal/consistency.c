@@ -90,7 +90,7 @@ static int run(const mk_network_t *network, void *net, const mk_topology_t *topo
     const double *step_nis = snapshot.nis;
     mk_stream_t stream;
     int bad = 0;
-    mk_stream_open(&stream, source, NULL, &mk_team_alone);
+    mk_stream_open(&stream, source, NULL, &mk_team_alone, 1);
     mk_status_t status = network->start(net, &bad);
     memset(heard, 1, (size_t)topology->first[E]);
     for (int t = 0; t < T && status == MK_OK; t++) {

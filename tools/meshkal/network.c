@@ -13,14 +13,18 @@
 /* Estimators that a thread takes at once. */
 #define CHUNK 64
 
+/* Bytes of configurations up to which every estimator has its own, ready for its steps. */
+#define MOST_COPIED ((size_t)8 << 20)
+
 /* The failure among them that is_worse than all others. */
 typedef struct {
     mk_status_t status;
     int bad;
 } chunk_t;
 
-/* Half a step of some estimators: the incremental one if y is there, else the diffusion. */
+/* Something done for some estimators. */
 typedef struct {
+    enum { START, INCREMENT, DIFFUSE } kind;
     void *network;
     int begin, end;
     const double *y;
@@ -32,6 +36,22 @@ typedef struct {
 /* Whether estimator e failed, and none of a lower number in the whole network did so far. */
 static int is_worse(const mk_topology_t *topology, mk_status_t status, int e, mk_status_t first, int bad) {
     return status != MK_OK && (first == MK_OK || mk_topology_id(topology, e) < mk_topology_id(topology, bad));
+}
+
+/* Sensors that are heard: in a part of a network those of its estimators, then those of its halo. */
+static int sensors_of(const mk_topology_t *topology, const mk_scenario_t *s) {
+    return topology->id ? topology->estimators + topology->halo : s->nodes;
+}
+
+static int node_of(const mk_topology_t *topology, int sensor) {
+    if (!topology->id) return sensor;
+    return sensor < topology->estimators ? topology->id[sensor] : topology->halo_node[sensor - topology->estimators];
+}
+
+static int heard_of(const mk_topology_t *topology, int slot) {
+    if (!topology->origin) return topology->slot[slot];
+    const int origin = topology->origin[slot];
+    return origin >= 0 ? origin : topology->estimators - 1 - origin;
 }
 
 #define MK_BITS 32

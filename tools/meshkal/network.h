@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* A network of node filters, or a part of one: one statically sized object for each estimator, in one precision. Runs the library's own
-   steps. */
+   steps. Estimators do best in an order in which those that hear each other are near. */
 #ifndef MESHKAL_NETWORK_H
 #define MESHKAL_NETWORK_H
 
@@ -15,10 +15,8 @@ typedef struct {
     uint32_t *nis_rows, *faults;
 } mk_snapshot_t;
 
-/* Sums over estimators of what a step has found. */
-typedef struct {
-    mk_exact_t theta, tolerance, nis, nis_rows;
-} mk_step_sums_t;
+/* What a step has found, summed over estimators. */
+enum { MK_THETA, MK_TOLERANCE, MK_NIS, MK_NIS_ROWS, MK_FINDINGS };
 
 /* Estimators are numbered as in the topology. Functions that return a status stop no estimator for the failure of another; *bad is, of
    those that failed, the one with the lowest number in the whole network. */
@@ -38,15 +36,15 @@ typedef struct {
     mk_status_t (*diffuse)(void *network, int begin, int end, uint8_t *arrived, const void *halo, int *bad);
     /* psi of some estimators, one after another. */
     void (*intermediate)(void *network, const int *estimator, int count, void *psi);
-    /* estimate as float64, E x n. */
-    void (*estimate)(void *network, double *estimate);
+    /* estimate of the estimators begin .. end - 1 as float64, n each. Several threads may do this at once; so with `add`. */
+    void (*estimate)(void *network, int begin, int end, double *estimate);
     /* Normalised errors squared (x - xh)' V^-1 (x - xh) of all estimators, before a step. */
     void (*nees)(void *network, const double *x, double *nees);
     /* Before a step: estimate and covariances. After it: the rest. */
     void (*look_before)(void *network, mk_snapshot_t *snapshot);
     void (*look_after)(void *network, mk_snapshot_t *snapshot);
-    /* Adds to the sums of the last step. */
-    void (*add)(void *network, mk_step_sums_t *sums);
+    /* Adds what the last step of these estimators has found to MK_FINDINGS sums. */
+    void (*add)(void *network, int begin, int end, mk_exact_t *sums);
 } mk_network_t;
 
 extern const mk_network_t mk_network_f32, mk_network_f64;

@@ -5,13 +5,17 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "parallel.h"
 #include "scenario_read.h"
+
+/* Estimators that a thread takes at once. Fewer than some of those are not worth waking threads for. */
+enum { CHUNK = 1024, WORTH_THREADS = 4 * CHUNK };
 
 /* Steps whose sums wait for the other parts: one sum for all of them costs no more than one for each. */
 #define LONGEST_WAIT 64
 
 /* Sums of one step, in their order. */
-enum { SQUARE, POSITION, THETA, TOLERANCE, NIS, NIS_ROWS, STEP_SUMS };
+enum { SQUARE, POSITION, FINDINGS, STEP_SUMS = FINDINGS + MK_FINDINGS };
 
 void mk_runner_open(mk_runner_t *r, const mk_campaign_t *c, const mk_source_t *source, mk_team_t *team, const mk_topology_t *topology,
                     const double *tolerance, const double *schedule, int threads) {
@@ -24,25 +28,26 @@ void mk_runner_open(mk_runner_t *r, const mk_campaign_t *c, const mk_source_t *s
     r->topology = topology;
     r->total = c->filter->central ? 1 : s->nodes;
     r->schedule = schedule;
-    mk_stream_open(&r->stream, source, c->filter->central ? NULL : topology, team);
+    r->threads = topology->estimators < WORTH_THREADS ? 1 : threads;
+    mk_stream_open(&r->stream, source, c->filter->central || team->ranks == 1 ? NULL : topology, team, s->nodes < WORTH_THREADS ? 1 : threads);
     r->net = c->network->open(s, topology, tolerance, threads);
-    r->snapshot = mk_snapshot_make(c->network, topology->estimators, s);
+    if (c->log_path) r->snapshot = mk_snapshot_make(c->network, topology->estimators, s);
     r->slots = (size_t)topology->first[E];
     r->y_arrived = mk_allocate(2 * r->slots, 1);
     r->psi_arrived = r->y_arrived + r->slots;
-    r->estimate = mk_allocate(2 * E * n + 2 * E + n, sizeof *r->estimate);
-    r->state_square = r->estimate + E * n;
+    r->state_square = mk_allocate(E * n + 2 * E + n, sizeof *r->state_square);
     r->error = r->state_square + E * n;
     r->node_square = r->error + E;
     r->state_known = r->node_square + E;
     r->sums = mk_allocate(1 + LONGEST_WAIT * STEP_SUMS, sizeof *r->sums); /* more than states, too */
-    if (team->ranks == 1) return;
+    r->thread_sums = mk_allocate((size_t)r->threads * STEP_SUMS, sizeof *r->thread_sums);
+    r->estimate = mk_allocate((size_t)r->threads * CHUNK * n, sizeof *r->estimate);
     const size_t rows = (size_t)source->row_first[s->nodes], positions = (size_t)MK_PACKED(s->position_count);
     const size_t value = 8 * (n > MK_LARGEST_STATE ? n : MK_LARGEST_STATE), wide = n > positions ? n : positions;
-    if (!c->filter->central) r->own_y = mk_allocate(rows + 1, sizeof *r->own_y);
+    if (r->stream.part) r->own_y = mk_allocate(rows + 1, sizeof *r->own_y);
     r->send = mk_allocate((size_t)topology->sends + 1, value);
     r->receive = mk_allocate((size_t)topology->halo + 1, value);
-    if (team->rank != 0 || !c->log_path) return;
+    if (team->rank != 0 || !c->log_path || !topology->id) return;
     size_t most = 8 * wide * (size_t)r->total;
     if (8 * rows > most) most = 8 * rows;
     if ((size_t)s->first[s->nodes] > most) most = (size_t)s->first[s->nodes];
@@ -52,9 +57,11 @@ void mk_runner_open(mk_runner_t *r, const mk_campaign_t *c, const mk_source_t *s
 void mk_runner_close(mk_runner_t *r) {
     mk_stream_close(&r->stream);
     r->c->network->close(r->net);
-    mk_snapshot_free(&r->snapshot);
+    if (r->c->log_path) mk_snapshot_free(&r->snapshot);
     free(r->y_arrived);
+    free(r->state_square);
     free(r->estimate);
+    free(r->thread_sums);
     free(r->sums);
     free(r->send);
     free(r->receive);
@@ -62,13 +69,35 @@ void mk_runner_close(mk_runner_t *r) {
     free(r->own_y);
 }
 
-/* Links that work in step t. A node always hears itself; a centre hears every sensor over a link. */
-static void draw_links(mk_runner_t *r, int run, int t) {
+/* Something done for all estimators in step t of a run. */
+typedef struct {
+    mk_runner_t *r;
+    int run, t;
+    void (*some)(mk_runner_t *r, int run, int t, int worker, int begin, int end);
+} pass_t;
+
+static void pass_chunk(void *context, int worker, long index) {
+    const pass_t *pass = context;
+    const int estimators = pass->r->topology->estimators, begin = (int)index * CHUNK, end = begin + CHUNK < estimators ? begin + CHUNK : estimators;
+    pass->some(pass->r, pass->run, pass->t, worker, begin, end);
+}
+
+/* The first thread adds to the sums of the step itself. */
+static mk_exact_t *sums_of(mk_runner_t *r, int worker) {
+    return worker == 0 ? r->sums + 1 + r->waiting * STEP_SUMS : r->thread_sums + (worker - 1) * STEP_SUMS;
+}
+
+static void for_all(mk_runner_t *r, int run, int t, void (*some)(mk_runner_t *r, int run, int t, int worker, int begin, int end)) {
+    pass_t pass = {r, run, t, some};
+    mk_parallel(r->threads, (r->topology->estimators + CHUNK - 1) / CHUNK, pass_chunk, &pass);
+    for (int worker = 1; worker < r->threads; worker++)
+        for (int i = 0; i < STEP_SUMS; i++) mk_exact_move(sums_of(r, 0) + i, sums_of(r, worker) + i);
+}
+
+static void draw_some_links(mk_runner_t *r, int run, int t, int worker, int from, int to) {
     const mk_topology_t *topology = r->topology;
-    memset(r->y_arrived, 1, r->slots);
-    memset(r->psi_arrived, 1, r->slots);
-    if (!(r->c->loss > 0.0)) return;
-    for (int e = 0; e < topology->estimators; e++) {
+    (void)worker;
+    for (int e = from; e < to; e++) {
         mk_random_t random;
         mk_random_start(&random, r->c->seed, (uint32_t)run, (uint32_t)mk_topology_id(topology, e), (uint32_t)t, MK_DRAW_LOSS);
         const int begin = topology->first[e] + !r->c->filter->central, end = topology->first[e + 1];
@@ -77,15 +106,22 @@ static void draw_links(mk_runner_t *r, int run, int t) {
     }
 }
 
+/* Links that work in step t. A node always hears itself; a centre hears every sensor over a link. */
+static void draw_links(mk_runner_t *r, int run, int t) {
+    memset(r->y_arrived, 1, 2 * r->slots); /* and psi_arrived */
+    if (r->c->loss > 0.0) for_all(r, run, t, draw_some_links);
+}
+
 /* Errors of the estimates before the step. */
-static void take_errors(mk_runner_t *r, int t, mk_exact_t *sums) {
+static void take_some_errors(mk_runner_t *r, int run, int t, int worker, int begin, int end) {
     const mk_scenario_t *s = r->c->scenario;
     const int n = s->n, steady = t >= r->c->steps / 2;
     const double *x = r->stream.x;
-    r->c->network->estimate(r->net, r->estimate);
-    for (int i = 0; i < n; i++) r->state_known[i] += !isnan(x[i]);
-    for (int e = 0; e < r->topology->estimators; e++) {
-        const double *estimate = r->estimate + (size_t)e * (size_t)n;
+    const double *estimate = r->estimate + (size_t)worker * CHUNK * (size_t)n;
+    mk_exact_t *sums = sums_of(r, worker);
+    (void)run;
+    r->c->network->estimate(r->net, begin, end, r->estimate + (size_t)worker * CHUNK * (size_t)n);
+    for (int e = begin; e < end; e++, estimate += n) {
         double square = 0.0, position = 0.0;
         for (int i = 0; i < n; i++) {
             const double d = x[i] - estimate[i];
@@ -104,9 +140,16 @@ static void take_errors(mk_runner_t *r, int t, mk_exact_t *sums) {
     }
 }
 
+/* What the estimators say of the step after it. */
+static void take_some_findings(mk_runner_t *r, int run, int t, int worker, int begin, int end) {
+    (void)run;
+    (void)t;
+    r->c->network->add(r->net, begin, end, sums_of(r, worker) + FINDINGS);
+}
+
 /* What every part has of an array over estimators, in the order of their numbers, where the log is written. */
 static const void *whole(mk_runner_t *r, const void *local, const int *first, size_t width) {
-    if (r->team->ranks == 1) return local;
+    if (!r->topology->id) return local;
     r->team->gather(r->team, r->topology, local, first, width, r->gathered);
     return r->gathered;
 }
@@ -257,15 +300,15 @@ static mk_run_state_t add_up(mk_runner_t *r, mk_record_t *record) {
     for (int i = 0; i < r->waiting && state == MK_RUN_DONE; i++) {
         const int t = r->from + i;
         double value[STEP_SUMS];
-        for (int j = 0; j < STEP_SUMS; j++) value[j] = mk_exact_value(&r->sums[1 + i * STEP_SUMS + j]);
+        for (int j = 0; j < (t < steps / 2 ? FINDINGS : STEP_SUMS); j++) value[j] = mk_exact_value(&r->sums[1 + i * STEP_SUMS + j]);
         record->msd[t] = truth ? value[SQUARE] / total : (double)NAN;
         record->position_msd[t] = truth && position ? value[POSITION] / total : (double)NAN;
         if (t < steps / 2) continue;
         *record->steady += record->msd[t] / window;
         *record->position_steady += record->position_msd[t] / window;
-        *record->theta += value[THETA] / total / window;
-        *record->tolerance += value[TOLERANCE] / total / window;
-        *record->nis_ratio += value[NIS_ROWS] > 0.0 ? value[NIS] / value[NIS_ROWS] / window : 0.0;
+        *record->theta += value[FINDINGS + MK_THETA] / total / window;
+        *record->tolerance += value[FINDINGS + MK_TOLERANCE] / total / window;
+        *record->nis_ratio += value[FINDINGS + MK_NIS_ROWS] > 0.0 ? value[FINDINGS + MK_NIS] / value[FINDINGS + MK_NIS_ROWS] / window : 0.0;
     }
     memset(r->sums, 0, (1 + (size_t)r->waiting * STEP_SUMS) * sizeof *r->sums);
     r->from += r->waiting;
@@ -310,21 +353,15 @@ static void agree_on_failure(mk_runner_t *r, mk_error_t *error) {
 
 static void one_step(mk_runner_t *r, int run, int t, mk_error_t *error) {
     const mk_network_t *network = r->c->network;
-    mk_exact_t *sums = r->sums + 1 + r->waiting * STEP_SUMS;
     mk_stream_step(&r->stream, run, t);
     draw_links(r, run, t);
-    if (r->source->has_truth) take_errors(r, t, sums);
+    if (r->source->has_truth) {
+        for (int i = 0; i < r->c->scenario->n; i++) r->state_known[i] += !isnan(r->stream.x[i]);
+        for_all(r, run, t, take_some_errors);
+    }
     if (r->c->log_path) network->look_before(r->net, &r->snapshot);
     step_network(r, run, t, error);
-    if (t >= r->c->steps / 2) {
-        mk_step_sums_t found;
-        memset(&found, 0, sizeof found);
-        network->add(r->net, &found);
-        sums[THETA] = found.theta;
-        sums[TOLERANCE] = found.tolerance;
-        sums[NIS] = found.nis;
-        sums[NIS_ROWS] = found.nis_rows;
-    }
+    if (t >= r->c->steps / 2) for_all(r, run, t, take_some_findings);
     r->waiting++;
 }
 

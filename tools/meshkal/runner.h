@@ -19,9 +19,12 @@ typedef struct {
     mk_snapshot_t snapshot;
     size_t slots;
     uint8_t *y_arrived, *psi_arrived;
-    double *estimate, *error, *node_square, *state_square, *state_known;
+    int threads; /* for what is done beside the network's own steps */
+    double *estimate; /* a chunk for each of them */
+    double *error, *node_square, *state_square, *state_known;
     /* Sums over estimators of some steps, waiting to be added up with those of the other parts; the first says who is in trouble. */
     mk_exact_t *sums;
+    mk_exact_t *thread_sums; /* of the step, by threads but the first */
     int waiting, from; /* steps that wait, the first of them */
     unsigned char *send, *receive, *gathered;
     double *own_y; /* rows of the part's own sensors; null where the process holds all */

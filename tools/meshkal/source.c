@@ -7,6 +7,10 @@
 #include <string.h>
 
 #include "design.h"
+#include "parallel.h"
+
+/* Readings that a thread draws at once. */
+enum { CHUNK = 1024 };
 
 /* Lower triangular L with L L' = S, packed, S positive semidefinite: a pivot lost in rounding gives a zero column. */
 static void make_root(int n, const double *S, double *L) {
@@ -26,14 +30,20 @@ static void make_root(int n, const double *S, double *L) {
 static void add_normal(mk_random_t *random, int n, const double *L, double *target) {
     double g[64];
     for (int i = 0; i < n; i++) g[i] = mk_random_normal(random);
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j <= i; j++) target[i] += L[i * (i + 1) / 2 + j] * g[j];
+    for (int i = 0; i < n; i++) {
+        double sum = target[i];
+        for (int j = 0; j <= i; j++) sum += L[i * (i + 1) / 2 + j] * g[j];
+        target[i] = sum;
+    }
 }
 
 /* target += M v, M rows x columns. */
 static void add_product(int rows, int columns, const double *M, const double *v, double *target) {
-    for (int i = 0; i < rows; i++)
-        for (int j = 0; j < columns; j++) target[i] += M[i * columns + j] * v[j];
+    for (int i = 0; i < rows; i++) {
+        double sum = target[i];
+        for (int j = 0; j < columns; j++) sum += M[i * columns + j] * v[j];
+        target[i] = sum;
+    }
 }
 
 const char *mk_truth_name(mk_truth_t truth) {
@@ -95,13 +105,14 @@ void mk_source_free(mk_source_t *source) {
     memset(source, 0, sizeof *source);
 }
 
-void mk_stream_open(mk_stream_t *stream, const mk_source_t *source, const mk_topology_t *part, mk_team_t *team) {
+void mk_stream_open(mk_stream_t *stream, const mk_source_t *source, const mk_topology_t *part, mk_team_t *team, int threads) {
     const mk_scenario_t *s = source->scenario;
     const size_t n = (size_t)s->n;
     memset(stream, 0, sizeof *stream);
     stream->source = source;
     stream->part = part;
     stream->team = team;
+    stream->threads = threads;
     stream->x = mk_allocate(6 * n, sizeof *stream->x);
     stream->e = stream->x + n;
     stream->w = stream->e + n;
@@ -109,7 +120,7 @@ void mk_stream_open(mk_stream_t *stream, const mk_source_t *source, const mk_top
     stream->bias = stream->g + n;
     stream->next = stream->bias + n;
     stream->y = mk_allocate((size_t)source->row_first[s->nodes], sizeof *stream->y);
-    stream->sum = mk_allocate(n, sizeof *stream->sum);
+    stream->sum = mk_allocate((size_t)threads * n, sizeof *stream->sum);
 }
 
 void mk_stream_close(mk_stream_t *stream) {
@@ -148,25 +159,41 @@ static void draw_state(mk_stream_t *stream, int run, int t) {
     memset(stream->w, 0, (size_t)n * sizeof *stream->w);
 }
 
-/* y_k(t) = C_k (x - bias) + v0_k. With an adversary F_k v0_k goes into the sums. */
-static void draw_readings(mk_stream_t *stream, int run, int t) {
+typedef struct {
+    mk_stream_t *stream;
+    int run, t, count;
+} readings_t;
+
+/* y_k(t) = C_k (x - bias) + v0_k, x - bias in `next`. With an adversary F_k v0_k goes into the sums. */
+static void draw_some_readings(void *context, int worker, long index) {
+    const readings_t *readings = context;
+    mk_stream_t *stream = readings->stream;
     const mk_source_t *source = stream->source;
     const mk_scenario_t *s = source->scenario;
-    const int n = s->n, count = stream->part ? stream->part->estimators : s->nodes;
-    for (int i = 0; i < n; i++) stream->next[i] = stream->x[i] - stream->bias[i];
-    for (int i = 0; i < count; i++) {
+    const int n = s->n, begin = (int)index * CHUNK, end = begin + CHUNK < readings->count ? begin + CHUNK : readings->count;
+    mk_exact_t *sum = stream->sum + worker * n;
+    for (int i = begin; i < end; i++) {
         const int k = stream->part ? mk_topology_id(stream->part, i) : i;
         const mk_sensor_t *sensor = &s->sensor[k];
         const double *F = source->F ? source->F + (size_t)source->row_first[k] * (size_t)n : NULL;
         double *y = stream->y + source->row_first[k];
         mk_random_t random;
         memset(y, 0, (size_t)sensor->rows * sizeof *y);
-        mk_random_start(&random, source->seed, (uint32_t)run, (uint32_t)k, (uint32_t)t, MK_DRAW_MEASUREMENT);
+        mk_random_start(&random, source->seed, (uint32_t)readings->run, (uint32_t)k, (uint32_t)readings->t, MK_DRAW_MEASUREMENT);
         add_normal(&random, sensor->rows, source->root_R + source->root_first[k], y);
         for (int r = 0; F && r < sensor->rows; r++)
-            for (int j = 0; j < n; j++) mk_exact_add(&stream->sum[j], F[r * n + j] * y[r]);
+            for (int j = 0; j < n; j++) mk_exact_add(&sum[j], F[r * n + j] * y[r]);
         add_product(sensor->rows, n, sensor->C, stream->next, y);
     }
+}
+
+static void draw_readings(mk_stream_t *stream, int run, int t) {
+    const mk_scenario_t *s = stream->source->scenario;
+    const int n = s->n, count = stream->part ? stream->part->estimators : s->nodes;
+    readings_t readings = {stream, run, t, count};
+    for (int i = 0; i < n; i++) stream->next[i] = stream->x[i] - stream->bias[i];
+    mk_parallel(stream->threads, (count + CHUNK - 1) / CHUNK, draw_some_readings, &readings);
+    for (int i = n; i < stream->threads * n && stream->source->F; i++) mk_exact_move(&stream->sum[i % n], &stream->sum[i]);
 }
 
 /* g ~ N(N Ag e, N) and what it displaces. */

@@ -49,14 +49,15 @@ typedef struct {
     const mk_source_t *source;
     const mk_topology_t *part; /* whose sensors are drawn; null: all */
     mk_team_t *team;           /* that holds the other parts */
+    int threads;               /* that draw readings at once */
     double *x, *y;             /* of the step; NaN where unknown or missing. Without truth x is all NaN */
     /* n numbers each. e: error of RKFC under its least favourable model; w: what the adversary adds to the noise of the step; g; bias: M A' g,
        by which all sensors see the state displaced */
     double *e, *w, *g, *bias, *next;
-    mk_exact_t *sum; /* of F_k v0_k, n numbers */
+    mk_exact_t *sum; /* of F_k v0_k, n numbers; then those of other threads */
 } mk_stream_t;
 
-void mk_stream_open(mk_stream_t *stream, const mk_source_t *source, const mk_topology_t *part, mk_team_t *team);
+void mk_stream_open(mk_stream_t *stream, const mk_source_t *source, const mk_topology_t *part, mk_team_t *team, int threads);
 void mk_stream_close(mk_stream_t *stream);
 /* Puts x(t) and y(t) of a run into stream->x and y; of y only the rows of the part. Steps of a run are asked for in order, from 0. */
 void mk_stream_step(mk_stream_t *stream, int run, int t);
