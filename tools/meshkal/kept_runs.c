@@ -12,6 +12,7 @@
 #include "cbor_out.h"
 
 static const char format[] = "meshkal-runs";
+static const char record_start[] = "\xa3\x66" "filter"; /* a map of three, its first key */
 
 /* Value of a text key in a map of definite texts; null if there is none. */
 static const cbor_item_t *member(const cbor_item_t *map, const char *key) {
@@ -61,9 +62,11 @@ static int read_items(mk_kept_t *kept, const char *campaign, const char *data, s
         struct cbor_load_result result;
         cbor_item_t *item = cbor_load((const unsigned char *)data + *good, length - *good, &result);
         if (!item && *good == 0) return mk_fail(error, "%s: not a file of kept runs", kept->path);
-        if (!item && result.error.code != CBOR_ERR_NOTENOUGHDATA)
-            return mk_fail(error, "%s: damaged after byte %zu: what stands before it can be kept", kept->path, *good);
-        if (!item) return 1;
+        if (!item) {
+            const size_t left = length - *good, start = sizeof record_start - 1;
+            return (result.error.code == CBOR_ERR_NOTENOUGHDATA && memcmp(data + *good, record_start, left < start ? left : start) == 0) ||
+                   mk_fail(error, "%s: damaged after byte %zu: what stands before it can be kept", kept->path, *good);
+        }
         int fine = 1;
         if (*good > 0) fine = take_record(kept, item, error);
         else if (!is_text(member(item, "format"), format)) fine = mk_fail(error, "%s: not a file of kept runs", kept->path);
