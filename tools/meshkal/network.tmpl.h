@@ -245,6 +245,8 @@ static void MK_F(run_chunk)(void *context, int worker, long index) {
     chunk_t *chunk = &net->chunk[index];
     const int begin = phase->begin + (int)index * CHUNK, end = begin + CHUNK < phase->end ? begin + CHUNK : phase->end;
     chunk->status = MK_OK;
+    /* Readings lie in the order of node numbers, far apart where estimators are in another: asked for together, they come together. */
+    for (int e = begin; e < end && phase->kind == INCREMENT && net->topology->id; e++) PREFETCH(phase->y + phase->row_first[net->topology->id[e]]);
     for (int e = begin; e < end; e++) {
         const mk_status_t status = phase->kind == START       ? MK_F(start_one)(net, worker, e)
                                    : phase->kind == INCREMENT ? MK_F(incremental_one)(phase, worker, e)
