@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "design.h"
+#include "design/design.h"
 
 static mk_scenario_t scenario;
 static mk_error_t error;
