@@ -18,7 +18,7 @@ HOST_LIBS = -pthread -llapacke -ljansson -lcbor -lsodium -lm
 
 LIBRARY  = $(BUILD)/libmeshkal.a
 PROGRAM  = $(BUILD)/meshkal
-HOST_SOURCES = $(wildcard port/host/*.c tools/meshkal/*.c)
+HOST_SOURCES = $(wildcard port/host/*.c tools/meshkal/*.c tools/meshkal/*/*.c)
 HOST_OBJECTS = $(HOST_SOURCES:%.c=$(BUILD)/%.o)
 
 .DEFAULT_GOAL := help

@@ -10,9 +10,9 @@
 
 #include <cmocka.h>
 
-#include "analysis.h"
+#include "analysis/analysis.h"
+#include "analysis/error_covariance.h"
 #include "dense.h"
-#include "error_covariance.h"
 #include "random.h"
 
 enum { LARGEST = 9, MOST = 9, MOST_ROWS = (MOST + 1) * LARGEST };

@@ -5,8 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "division.h"
 #include "partition.h"
+#include "simulation/division.h"
 
 /* MPI counts in int: longer messages go in pieces. */
 #define LONGEST ((size_t)1 << 30)

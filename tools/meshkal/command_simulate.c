@@ -7,6 +7,7 @@
 #include "commands.h"
 #include "json_out.h"
 #include "parallel.h"
+#include "signals.h"
 #include "simulate_report.h"
 
 /* Steps after the last one that the adversary still looks ahead to, where the user does not say: the end of its horizon is not seen. */
