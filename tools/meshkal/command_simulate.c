@@ -164,6 +164,7 @@ int mk_command_simulate(int argc, char **argv, struct mk_team *given) {
                    a.out != NULL, a.json != NULL, a.resume != NULL);
     good = team->agree(team, good, &error) && team->same(team, shares, &error);
     if (good) {
+        if (!a.out) mk_scenario_drop_text(&scenario);
         mk_catch_signals();
         c.log_path = a.out;
         c.keep_path = a.resume;
