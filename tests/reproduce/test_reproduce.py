@@ -301,7 +301,7 @@ def test_missing_program_and_wrong_options(tmp_path):
 
 
 def test_make_honours_build():
-    done = subprocess.run(["make", "-n", "reproduce", "BUILD=some/where", "DRAWS=3"], cwd=ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run(["make", "-n", "--no-print-directory", "reproduce", "BUILD=some/where", "DRAWS=3"], cwd=ROOT, capture_output=True, text=True, check=True)
     last = done.stdout.strip().splitlines()[-1]
     assert "--meshkal some/where/meshkal --out some/where/reproduce --draws 3" in last
 
