@@ -114,7 +114,7 @@ test: all ## all tests, plain and under ASan and UBSan; last line: N passed, N f
 	  py:pytest-sanitized:$(BUILD)/sanitize/meshkal:tests/reference,tests/host \
 	  $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) sh:tests/package/package.sh
 
-bench: | $(SETUP) ## a node step beside Eigen and LAPACKE, analyze against the number of nodes: tables, and build/bench/*.json
+bench: | $(SETUP) ## a node step beside Eigen and LAPACKE, analyze against nodes, simulate against processes: tables, build/bench/*.json
 
 # --- install ---------------------------------------------------------------------------------------------------------------
 
