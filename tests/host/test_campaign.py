@@ -226,7 +226,7 @@ def test_log_that_cannot_be_written(program, run, scenario, threads):
 
 def test_the_next_run_is_shown_as_it_goes(program, scenario):
     """A reader of a pipe need not wait for a run's end, however many threads run others meanwhile."""
-    job = subprocess.Popen([program, "simulate", scenario, "--runs", "3", "--steps", "10000000", "--threads", "3", "--out", "-"],
+    job = subprocess.Popen([program, "simulate", scenario, "--runs", "3", "--steps", "60000", "--threads", "2", "--out", "-"],
                            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     data = job.stdout.read(50000)
     job.send_signal(signal.SIGINT)

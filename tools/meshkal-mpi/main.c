@@ -15,7 +15,8 @@ static const char help[] =
     "    --split runs|nodes   what the processes share out: runs, each process holding the whole network (default if there are\n"
     "                         at least K of them), or the nodes of each network\n"
     "    --threads N          of each process (default 1)\n"
-    "Logs and figures are those of one process, bit for bit.\n";
+    "Logs and figures are those of one process, bit for bit.\n"
+    "To end early with log and summary: kill -USR1 the mpirun. After Ctrl-C mpirun kills what is not done within a second.\n";
 
 int main(int argc, char **argv) {
     int provided, status = MK_EXIT_INPUT;

@@ -5,7 +5,7 @@
 
 #include "scenario.h"
 
-/* Part of every node for `parts` processes, balanced by slots, few links cut (METIS, k-way). 1, or 0 and an error. */
+/* Part of every node for `parts` processes, of about the same work, few links cut (METIS, k-way). 1, or 0 and an error. */
 int mk_partition(const mk_scenario_t *scenario, int parts, int *part, mk_error_t *error);
 
 #endif
