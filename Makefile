@@ -18,7 +18,7 @@ HOST_LIBS = -pthread -llapacke -ljansson -lcbor -lsodium -lm
 
 LIBRARY  = $(BUILD)/libmeshkal.a
 PROGRAM  = $(BUILD)/meshkal
-HOST_SOURCES = $(wildcard port/host/*.c tools/meshkal/*.c)
+HOST_SOURCES = $(wildcard port/host/*.c tools/meshkal/*.c tools/meshkal/*/*.c)
 HOST_OBJECTS = $(HOST_SOURCES:%.c=$(BUILD)/%.o)
 
 .DEFAULT_GOAL := help
@@ -114,7 +114,7 @@ test: all mpi ## all tests, plain and under ASan and UBSan; last line: N passed,
 	  py:pytest-sanitized:$(BUILD)/sanitize/meshkal:tests/reference,tests/host,tests/mpi \
 	  $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) $(MPI_TEST_PROGRAMS) sh:tests/package/package.sh
 
-bench: | $(SETUP) ## a node step beside Eigen and LAPACKE, analyze against the number of nodes: tables, and build/bench/*.json
+bench: | $(SETUP) ## a node step beside Eigen and LAPACKE, analyze against nodes, simulate against processes: tables, build/bench/*.json
 
 # --- install ---------------------------------------------------------------------------------------------------------------
 

@@ -15,6 +15,8 @@ typedef struct {
 } mk_exact_t;
 
 void mk_exact_add(mk_exact_t *sum, double term);
+/* Adds `from` to `sum` and leaves 0 there. */
+void mk_exact_move(mk_exact_t *sum, mk_exact_t *from);
 /* The sum, rounded once to nearest; NaN if a term was not finite. Leaves the value as it is. */
 double mk_exact_value(const mk_exact_t *sum);
 

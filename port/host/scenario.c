@@ -119,6 +119,12 @@ int mk_scenario_load(mk_scenario_t *s, const char *path, mk_error_t *error) {
     return good;
 }
 
+void mk_scenario_drop_text(mk_scenario_t *s) {
+    free(s->text);
+    s->text = NULL;
+    s->text_length = 0;
+}
+
 void mk_scenario_free(mk_scenario_t *s) {
     for (int i = 0; s->block && i < s->blocks; i++) free(s->block[i]);
     free(s->block);

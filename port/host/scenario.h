@@ -41,13 +41,15 @@ typedef struct {
     int steps;
     uint64_t seed;
 
-    char *text; /* the file, byte for byte */
+    char *text; /* the file, byte for byte; null once it is dropped */
     size_t text_length;
     char sha256[65];
 } mk_scenario_t;
 
 /* Reads and checks a scenario. 1, or 0 and an error that names file, line and key; *scenario is then empty. */
 int mk_scenario_load(mk_scenario_t *scenario, const char *path, mk_error_t *error);
+/* Releases the text, which only a log asks for: a third of what a large scenario holds. */
+void mk_scenario_drop_text(mk_scenario_t *scenario);
 void mk_scenario_free(mk_scenario_t *scenario);
 
 #endif

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 # Benchmark against Eigen and LAPACKE. From the top of the tree:  make -f tests/bench/bench.mk bench [BENCH_ARGS=...]
-# As a part of the main Makefile also the cost of analyze against the number of nodes (BENCH_ANALYZE_ARGS=--large: up to 1000).
+# As a part of the main Makefile also the cost of analyze against the number of nodes (BENCH_ANALYZE_ARGS=--large: up to 1000)
+# and how simulate scales over processes (also alone: make bench-scaling).
 # Needs Eigen 3 (eigen3 by pkg-config or /usr/include/eigen3), LAPACKE and CBLAS.
 CC ?= cc
 CXX ?= c++
@@ -20,6 +21,19 @@ BENCH_HEADERS := $(wildcard include/meshkal/*.h src/meshkal/*.h src/meshkal/*/*.
 bench: $(BENCH_DIR)/bench $(PROGRAM)
 	$(BENCH_DIR)/bench $(BENCH_ARGS)
 	$(if $(PROGRAM),@$(PYTHON) tests/bench/analyze.py $(PROGRAM) $(BENCH_DIR) $(BENCH_ANALYZE_ARGS))
+	$(if $(PROGRAM),@$(MAKE) -s --no-print-directory bench-scaling)
+
+# Processes and threads: needs Open MPI and METIS. BENCH_SCALING_ARGS=--full divides a million nodes.
+ifdef PROGRAM
+.PHONY: bench-scaling
+bench-scaling: $(PROGRAM) $(MPI_PROGRAM) $(BENCH_DIR)/cuts
+	@$(PYTHON) tests/bench/scaling.py $^ $(BENCH_DIR) $(BENCH_SCALING_ARGS)
+
+$(BENCH_DIR)/cuts: tests/bench/cuts.c $(BUILD)/tools/meshkal-mpi/partition.o $(filter-out %/main.o,$(HOST_OBJECTS)) $(LIBRARY)
+	@mkdir -p $(@D)
+	@echo "  LD $@"
+	@$(CC) $(CFLAGS) $(HOST_INCLUDE) -Itools/meshkal-mpi $^ -lmetis $(HOST_LIBS) -o $@
+endif
 
 $(BENCH_DIR)/bench: $(BENCH_OBJECTS)
 	$(CXX) -o $@ $^ $(BENCH_LIBS)

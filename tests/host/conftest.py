@@ -66,7 +66,7 @@ def shared(tmp_path_factory):
         place = tmp_path_factory.mktemp("shared") / "tested.so"
         sanitize = ["-fsanitize=undefined", "-fno-sanitize-recover=all"] if SANITIZED else []
         subprocess.run(["gcc", "-std=c99", "-O2", "-g", "-ffp-contract=off", "-D_POSIX_C_SOURCE=200809L", *sanitize, "-shared", "-fPIC",
-                        f"-I{ROOT}/include", f"-I{ROOT}/port/host", *(ROOT / s for s in sources), "-o", place, "-lm"], check=True)
+                        f"-I{ROOT}/include", f"-I{ROOT}/port/host", f"-I{ROOT}/tools/meshkal", *(ROOT / s for s in sources), "-o", place, "-lm"], check=True)
         return ctypes.CDLL(str(place))
     return build
 

@@ -17,7 +17,7 @@ HOST_TEST_LIBS := -pthread -lcmocka -llapacke -ljansson -lcbor -lsodium -lm
 SANITIZE ?= -O1 -fsanitize=address,undefined -fno-sanitize-recover=all
 
 # Objects of port/host, of the program without its main, and the library, plain and sanitized.
-HOST_PORT := $(patsubst %.c,%.o,$(filter-out %/main.c,$(wildcard port/host/*.c tools/meshkal/*.c)))
+HOST_PORT := $(patsubst %.c,%.o,$(filter-out %/main.c,$(wildcard port/host/*.c tools/meshkal/*.c tools/meshkal/*/*.c)))
 HOST_PARTS := $(HOST_PORT:%=$(BUILD)/%) $(LIBRARY)
 HOST_SANE_PARTS := $(HOST_PORT:%=$(BUILD)/sanitize/%) $(BUILD)/sanitize/libmeshkal.a
 
@@ -30,12 +30,12 @@ $(BUILD)/sanitize/meshkal $(HOST_SANE_PARTS): host-sanitize
 
 # --- tests of C functions --------------------------------------------------------------------------------------------------
 
-$(HOST_PLAIN)/test_%: $(HOST_TEST)/test_%.c $(HOST_PARTS) $(wildcard port/host/*.h tools/meshkal/*.h)
+$(HOST_PLAIN)/test_%: $(HOST_TEST)/test_%.c $(HOST_PARTS) $(wildcard port/host/*.h tools/meshkal/*.h tools/meshkal/*/*.h)
 	@mkdir -p $(@D)
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $(HOST_INCLUDE) $< $(HOST_PARTS) $(HOST_TEST_LIBS) -o $@
 
-$(HOST_SANE)/test_%: $(HOST_TEST)/test_%.c $(HOST_SANE_PARTS) $(wildcard port/host/*.h tools/meshkal/*.h)
+$(HOST_SANE)/test_%: $(HOST_TEST)/test_%.c $(HOST_SANE_PARTS) $(wildcard port/host/*.h tools/meshkal/*.h tools/meshkal/*/*.h)
 	@mkdir -p $(@D)
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $(SANITIZE) $(HOST_INCLUDE) $< $(HOST_SANE_PARTS) $(HOST_TEST_LIBS) -o $@

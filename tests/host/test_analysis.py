@@ -197,7 +197,7 @@ def test_per_step_and_node(analyze):
 
 def test_steady(analyze, run, projectile, tmp_path):
     scenario = projectile(1)
-    for horizon, expected in ((1, False), (5, False), (20, False), (50, False), (100, False), (200, True), (400, True)):
+    for horizon, expected in ((1, False), (5, False), (20, False), (50, False), (70, False), (200, True), (400, True)):
         for truth in ("least-favourable", "nominal"):
             for f in analyze(scenario, "--filter", "all", "--horizon", horizon, "--truth", truth)["filters"]:
                 assert f["steady"] is expected and len(f["msd"]) == horizon + 1 and f["steady_step"] == horizon // 2, (horizon, truth, f["filter"])

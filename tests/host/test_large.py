@@ -207,13 +207,6 @@ def test_the_first_error_of_a_large_file(refused, tmp_path):
     assert text == f":{first_edge + 4501}: edges[4500]: joins node 4500 to itself: a node hears itself without an edge"
 
 
-def test_node_numbers_above_65535_in_headers(run, tmp_path):
-    """Slots name nodes: a type of 16 bits holds no more than 65536 of them."""
-    write(tmp_path / "small.json", FRAGILE | {"tolerance": 0.01})
-    run("design", tmp_path / "small.json", "--c-header", tmp_path / "small")
-    assert "static const uint16_t node00_slot[1] = {0};" in (tmp_path / "small" / "node_00.h").read_text()
-
-
 # --- size ------------------------------------------------------------------------------------------------------------
 
 class Part(ref.Network):

@@ -12,8 +12,8 @@
 #include <cmocka.h>
 
 #include "dense.h"
-#include "design.h"
-#include "least_favourable.h"
+#include "design/design.h"
+#include "design/least_favourable.h"
 #include "random.h"
 
 enum { LARGEST = 6, NODES = 4, MOST_ROWS = 2 * NODES, MOST_NOISE = LARGEST + MOST_ROWS, HORIZON = 30 };

@@ -1,4 +1,4 @@
-"""c of a residual sample (tools/meshkal/mismatch.c): formulas against SciPy, coverage of the interval, size and power of the test. The
+"""c of a residual sample (tools/meshkal/fit/mismatch.c): formulas against SciPy, coverage of the interval, size and power of the test. The
 samples are drawn here; 500 repetitions each, whose 99.9 % binomial limits about 95 % are 91.4 and 98."""
 import ctypes
 
@@ -15,7 +15,7 @@ class Mismatch(ctypes.Structure):
 
 @pytest.fixture(scope="module")
 def lib(shared):
-    library = shared("tools/meshkal/mismatch.c", "port/host/distributions.c", "port/host/error.c")
+    library = shared("tools/meshkal/fit/mismatch.c", "port/host/distributions.c", "port/host/error.c")
     library.mk_mismatch_test.restype = library.mk_long_run.restype = ctypes.c_double
     return library
 

@@ -18,5 +18,5 @@ def needs_program():
 def reproduced(needs_program, tmp_path_factory):
     """(folder, finished process). Started in another directory, with a folder named relative to it."""
     elsewhere = tmp_path_factory.mktemp("elsewhere")
-    done = command("--meshkal", MESHKAL, "--out", "of two/draws", "--draws", len(SEEDS), "--first-seed", SEEDS[0], cwd=elsewhere)
-    return elsewhere / "of two" / "draws", done
+    done = command("--meshkal", MESHKAL, "--out", "of three/draws", "--draws", len(SEEDS), "--first-seed", SEEDS[0], cwd=elsewhere)
+    return elsewhere / "of three" / "draws", done

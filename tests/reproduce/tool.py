@@ -9,8 +9,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 TOOL = ROOT / "tools" / "reproduce"
 MESHKAL = Path(os.environ.get("MESHKAL", ROOT / "build" / "meshkal")).resolve()
-# The second is a draw on which a claim of the paper fails (tools/reproduce/README.md).
-SEEDS = (16, 17)
+# Three, so that a median is no mean; the last is a draw on which a claim of the paper fails (tools/reproduce/README.md).
+SEEDS = (15, 16, 17)
 
 os.environ["RERUN_STRICT"] = "1"
 os.environ.pop("RERUN", None)

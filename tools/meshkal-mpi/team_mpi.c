@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "partition.h"
+#include "simulation/division.h"
 
 /* MPI counts in int: longer messages go in pieces. */
 #define LONGEST ((size_t)1 << 30)

@@ -3,7 +3,7 @@
 #ifndef MESHKAL_TEAM_MPI_H
 #define MESHKAL_TEAM_MPI_H
 
-#include "team.h"
+#include "simulation/team.h"
 
 /* Between MPI_Init and MPI_Finalize. */
 void mk_team_mpi_open(mk_team_t *team);

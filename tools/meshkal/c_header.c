@@ -6,8 +6,8 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "design/node_config.h"
 #include "file.h"
-#include "node_config.h"
 
 #define MK_BITS 32
 #include <meshkal/real.h>

@@ -3,7 +3,7 @@
 #ifndef MESHKAL_C_HEADER_H
 #define MESHKAL_C_HEADER_H
 
-#include "design.h"
+#include "design/design.h"
 
 /* Writes directory/node_NN.h for every node (the directory is made if it does not exist), real "float32" or "float64", with the local
    tolerances of the design. 1, or 0 and *error; files already written stay. */

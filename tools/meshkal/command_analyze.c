@@ -5,9 +5,9 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "analysis.h"
+#include "analysis/analysis.h"
 #include "commands.h"
-#include "design.h"
+#include "design/design.h"
 #include "json_out.h"
 #include "parallel.h"
 #include "process.h"

@@ -6,8 +6,8 @@
 #include <string.h>
 
 #include "commands.h"
-#include "consistency.h"
-#include "fit.h"
+#include "fit/consistency.h"
+#include "fit/fit.h"
 #include "json_out.h"
 
 /* Longer tables show their worst rows only; the JSON file has all. */

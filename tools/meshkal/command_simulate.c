@@ -7,6 +7,7 @@
 #include "commands.h"
 #include "json_out.h"
 #include "parallel.h"
+#include "signals.h"
 #include "simulate_report.h"
 
 /* Steps after the last one that the adversary still looks ahead to, where the user does not say: the end of its horizon is not seen. */
@@ -163,6 +164,7 @@ int mk_command_simulate(int argc, char **argv, struct mk_team *given) {
                    a.out != NULL, a.json != NULL, a.resume != NULL);
     good = team->agree(team, good, &error) && team->same(team, shares, &error);
     if (good) {
+        if (!a.out) mk_scenario_drop_text(&scenario);
         mk_catch_signals();
         c.log_path = a.out;
         c.keep_path = a.resume;

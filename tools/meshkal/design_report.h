@@ -5,8 +5,8 @@
 
 #include <stdio.h>
 
-#include "admissible.h"
-#include "design.h"
+#include "design/admissible.h"
+#include "design/design.h"
 
 /* The largest tolerance that the search for one at which the recursion no longer settles goes up to. */
 #define MK_SEARCH_LIMIT 10.0

@@ -6,7 +6,7 @@
 #include <jansson.h>
 #include <stdio.h>
 
-#include "campaign.h"
+#include "simulation/campaign.h"
 
 /* Table: head, a row for each filter, foot. */
 void mk_report_head(FILE *out, const mk_campaign_t *c, const mk_source_t *source, const mk_team_t *team);

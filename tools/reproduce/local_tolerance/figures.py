@@ -86,7 +86,8 @@ def network(draw: Draw) -> Figure:
         axes.scatter(place[chosen, 0], place[chosen, 1], c=values[chosen], s=170, marker=marker, label=pair, **style)
     for k, (x, y) in enumerate(place):
         axes.annotate(str(k), (x, y), (8, 8), textcoords="offset points", fontsize=10)
-    axes.set(xlabel="x, m", ylabel="y, m", aspect="equal", title=f"Seed {draw.seed}: {mean_degree(draw.scenario):.1f} neighbours on average, itself included")
+    title = f"Seed {draw.seed}: {mean_degree(draw.scenario):.1f} neighbours on average, itself included"
+    axes.set(xlabel="x, m", ylabel="y, m", aspect="equal", title=title)
     legend = axes.legend(title="position components measured", ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.1))
     for handle in legend.legend_handles:
         handle.set_array(None)
@@ -101,13 +102,17 @@ def _measured_axes(scenario: dict, node: dict) -> str:
     return ", ".join(axis for axis, state in zip("xyz", states) if any(row[state] for row in node["C"]))
 
 
+def _title(draw: Draw) -> str:
+    return f"Under the least favourable model, c = {draw.tolerance:g} (seed {draw.seed})"
+
+
 def msd(draw: Draw) -> Figure:
     figure, axes = plt.subplots()
     for name in sorted(FILTERS, key=lambda f: -round(draw.least_favourable[f].msd_db, 3)):
         analysis = draw.least_favourable[name]
         level = f"{analysis.msd_db:.2f}".replace("-", "\N{MINUS SIGN}")
         _line(axes, name, _STEPS, decibels(analysis.msd[_STEPS]), label=f"{_LABEL[name]}  {level} dB")
-    axes.set(xlabel=_STEP, ylabel=_MSD, title=f"Under the least favourable model, c = {draw.tolerance:g} (seed {draw.seed})", xlim=(0, HORIZON))
+    axes.set(xlabel=_STEP, ylabel=_MSD, title=_title(draw), xlim=(0, HORIZON))
     axes.legend(title="steady value", alignment="left")
     return figure
 
@@ -121,7 +126,7 @@ def node_msd(draw: Draw) -> Figure:
         axes.scatter(beside, decibels(shown[name].node_msd), s=24, marker=marker, color=ON_WHITE[name], label=_LABEL[name], zorder=3)
     for name in ("kfc", "rkfc"):
         axes.axhline(shown[name].msd_db, color=ON_WHITE[name], label=f"{_LABEL[name]}, hears all")
-    axes.set(xlabel="node", ylabel="steady " + _MSD, title=f"Under the least favourable model, c = {draw.tolerance:g} (seed {draw.seed})", xticks=nodes)
+    axes.set(xlabel="node", ylabel="steady " + _MSD, title=_title(draw), xticks=nodes)
     axes.grid(visible=False, axis="x")
     for node in nodes[:-1]:
         axes.axvline(node + 0.5, color="#e4e4e4", linewidth=0.7)
@@ -191,7 +196,8 @@ def transient(draws: list[Draw]) -> Figure:
     level.legend()
     all_of_them = np.array([curve(draw, "rkfdnu2") - curve(draw, "rkfdnu") for draw in draws])
     label = f"{len(draws)} draws"
-    difference.fill_between(steps, all_of_them.min(axis=0), all_of_them.max(axis=0), color=ON_WHITE["rkfdnu2"], alpha=0.25, linewidth=0, label=label)
+    band = all_of_them.min(axis=0), all_of_them.max(axis=0)
+    difference.fill_between(steps, *band, color=ON_WHITE["rkfdnu2"], alpha=0.25, linewidth=0, label=label)
     difference.plot(steps, all_of_them[0], color=ON_WHITE["rkfdnu2"], label=f"seed {first.seed}")
     difference.axhline(0.0, color="black", linewidth=0.8)
     difference.set(xlabel=_STEP, ylabel="difference, dB", xlim=(0, _TRANSIENT_STEPS))
@@ -229,7 +235,9 @@ def _strip(axes: Axes, x: float, values: list[float], colour: str, paper: float 
     axes.scatter(x + offsets, values, s=22, color=colour, alpha=0.55, linewidths=0, label="a random draw" if x == 1 else None)
     axes.plot([x - 0.24, x + 0.24], [np.median(values)] * 2, color="black", linewidth=2.2, label="their median")
     if independent:
-        axes.plot([x + 0.33] * 2, [independent[0], independent[2]], color="#777777", linewidth=3, solid_capstyle="butt", label="another reproduction, 30 draws")
+        style = {"color": "#777777", "linewidth": 3, "solid_capstyle": "butt", "label": "another reproduction, 30 draws"}
+        axes.plot([x + 0.33] * 2, [independent[0], independent[2]], **style)
         axes.plot([x + 0.29, x + 0.37], [independent[1]] * 2, color="#777777", linewidth=2)
     if paper is not None:
-        axes.plot(x, paper, marker="D", markersize=9, markerfacecolor="white", markeredgecolor="#cc0000", markeredgewidth=2, linestyle="none", label="published")
+        style = {"marker": "D", "markersize": 9, "markerfacecolor": "white", "markeredgecolor": "#cc0000", "markeredgewidth": 2}
+        axes.plot(x, paper, linestyle="none", label="published", **style)

@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: MIT */
+#include "simulation/record.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "distributions.h"
+#include "error.h"
+
+void mk_record_open(mk_record_t *r, int n, int steps, int estimators) {
+    r->n = n;
+    r->steps = steps;
+    r->estimators = estimators;
+    r->count = 5 + (size_t)n + 2 * (size_t)steps + (size_t)estimators;
+    r->value = mk_allocate(r->count, sizeof *r->value);
+    r->steady = r->value;
+    r->position_steady = r->steady + 1;
+    r->theta = r->steady + 2;
+    r->tolerance = r->steady + 3;
+    r->nis_ratio = r->steady + 4;
+    r->state_square = r->steady + 5;
+    r->msd = r->state_square + n;
+    r->position_msd = r->msd + steps;
+    r->node_msd = r->position_msd + steps;
+}
+
+void mk_record_close(mk_record_t *r) {
+    free(r->value);
+    memset(r, 0, sizeof *r);
+}
+
+void mk_statistics_open(mk_statistics_t *s, int n, int steps, int estimators) {
+    s->runs = 0;
+    mk_record_open(&s->mean, n, steps, estimators);
+    mk_record_open(&s->squares, n, steps, estimators);
+}
+
+void mk_statistics_close(mk_statistics_t *s) {
+    mk_record_close(&s->mean);
+    mk_record_close(&s->squares);
+}
+
+void mk_statistics_add(mk_statistics_t *s, const double *value) {
+    s->runs++;
+    for (size_t i = 0; i < s->mean.count; i++) {
+        const double change = value[i] - s->mean.value[i];
+        s->mean.value[i] += change / s->runs;
+        s->squares.value[i] += change * (value[i] - s->mean.value[i]);
+    }
+}
+
+void mk_statistics_finish(mk_statistics_t *s) {
+    const double runs = s->runs, quantile = s->runs < 2 ? (double)NAN : mk_student_quantile(0.975, runs - 1.0);
+    for (size_t i = 0; i < s->mean.count; i++) {
+        if (s->runs == 0) s->mean.value[i] = (double)NAN;
+        s->squares.value[i] = s->runs < 2 ? (double)NAN : quantile * sqrt(s->squares.value[i] / (runs * (runs - 1.0)));
+    }
+}
