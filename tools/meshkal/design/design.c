@@ -89,7 +89,7 @@ static void node_tolerance(void *context, int worker, long index) {
     mk_error_t error;
     if (t->step < 0) (void)mk_fail(&error, "the local tolerance of node %ld cannot be computed", k);
     else (void)mk_fail(&error, "the local tolerance of node %ld cannot be computed in step %d", k, t->step);
-    mk_first_error_put(&t->first, index, &error);
+    mk_first_error_put(&t->first, k, &error);
 }
 
 static int find_tolerances(tolerances_t *t, long count, int threads, mk_error_t *error) {
