@@ -22,7 +22,8 @@ MPI = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "OM
        # Of the sanitized program: Open MPI keeps some memory to the end.
        "ASAN_OPTIONS": os.environ.get("ASAN_OPTIONS", "") + ":detect_leaks=0"}
 # What of a summary may differ when the same campaign is run in another way.
-HOW = {"threads", "peak_memory_bytes", "seconds", "node_steps_per_second", "runs_kept", "processes", "split", "bytes_exchanged_per_step", "cut_links"}
+HOW = {"threads", "peak_memory_bytes", "seconds", "node_steps_per_second", "runs_kept", "processes", "split", "bytes_exchanged_per_step",
+       "cut_links"}
 
 
 def strip(value):
@@ -53,6 +54,11 @@ def alone(program):
 
 
 @pytest.fixture(scope="session")
+def environment():
+    return os.environ | MPI
+
+
+@pytest.fixture(scope="session")
 def launch(program):
     """launch(ranks, *arguments) -> Popen of mpirun. A list of (ranks, argument, ...) instead: each group with its own arguments."""
     def call(ranks, *arguments, **environment):
@@ -60,7 +66,8 @@ def launch(program):
         words = ["mpirun"]
         for count, *rest in groups:
             words += [":"] * (len(words) > 1) + ["-n", str(count), program + "-mpi", *map(str, rest)]
-        return subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=os.environ | MPI | environment)
+        return subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                env=os.environ | MPI | environment)
     return call
 
 

@@ -45,7 +45,7 @@ def scenario(program, alone, tmp_path_factory):
             return MIXED
         file = folder / f"{name}.json"
         if not file.exists() and name == "projectile":
-            file.write_bytes(subprocess.run([program, "scenario", "projectile", "--nodes", "9", "--seed", "2"], capture_output=True, check=True).stdout)
+            file.write_bytes(subprocess.run([program, "scenario", "projectile", "--nodes", "9"], capture_output=True, check=True).stdout)
         elif not file.exists():
             file.write_text(json.dumps(NETWORKS[name]))
         return file
@@ -76,9 +76,11 @@ NODES, RUNS = ("--split", "nodes"), ("--split", "runs")
 
 
 @pytest.mark.parametrize("name,options,ways", [
-    ("mixed", ("--loss", 0.3, "--real", "float32", "--runs", 3), [(1, *NODES), (2, *NODES), (3, *NODES), (4, *NODES), (1, *RUNS), (3, *RUNS)]),
+    ("mixed", ("--loss", 0.3, "--real", "float32", "--runs", 3),
+     [(1, *NODES), (2, *NODES), (3, *NODES), (4, *NODES), (1, *RUNS), (3, *RUNS)]),
     ("projectile", ("--filter", "rkfdnu", "--truth", "least-favourable", "--runs", 5), [(2, *NODES), (4, *NODES), (2, *RUNS), (4, *RUNS)]),
-    ("grid", ("--filter", "rkfdu", "--truth", "least-favourable", "--real", "float32", "--loss", 0.1), [(2, *NODES), (3, *NODES), (4, *NODES)]),
+    ("grid", ("--filter", "rkfdu", "--truth", "least-favourable", "--real", "float32", "--loss", 0.1),
+     [(2, *NODES), (3, *NODES), (4, *NODES)]),
     ("grid", ("--filter", "kfd", "--runs", 7, "--steps", 21), [(3, *NODES, "--threads", 2), (3, *RUNS, "--threads", 2), (4, *RUNS)]),
     # A centre is not divided: its runs are shared, whatever is asked for.
     ("mixed", ("--filter", "kfc", "--loss", 0.3, "--runs", 5, "--real", "float32"), [(2, *RUNS), (3, *NODES)]),
@@ -89,7 +91,8 @@ def test_same_bytes(as_one, name, options, ways):
 
 @pytest.mark.parametrize("options,ways", [
     (("--filter", "all", "--runs", 9, "--steps", 150, "--loss", 0.2), [(2, *NODES), (3, *RUNS), (4, *NODES, "--threads", 2)]),
-    (("--filter", "all", "--runs", 4, "--steps", 64, "--truth", "least-favourable", "--real", "float32"), [(3, *NODES), (2, *RUNS, "--threads", 3)])])
+    (("--filter", "all", "--runs", 4, "--steps", 64, "--truth", "least-favourable", "--real", "float32"),
+     [(3, *NODES), (2, *RUNS, "--threads", 3)])])
 def test_same_figures_of_all_filters(as_one, options, ways):
     """Without a log, sums of many steps wait and are added up together."""
     assert len(as_one("projectile", options, *ways, log=False)["filters"]) == 6
@@ -116,6 +119,13 @@ def test_standard_output(mpi, alone, scenario):
     assert got.out == alone(*options, "--out", "-").stdout and got.err.count(b"filter ") == 1
     got = mpi(3, *options, *NODES)
     assert got.out.count(b"\nrkfdnu2 ") == 1 and b"3 processes share the nodes" in got.out and b" links cut" in got.out and got.err == b""
+
+
+def test_table_that_does_not_arrive(program, environment, scenario):
+    """Also without mpirun: one process by itself."""
+    with open("/dev/full", "wb") as full:
+        done = subprocess.run([program + "-mpi", "simulate", scenario("three")], stdout=full, stderr=subprocess.PIPE, env=environment, timeout=60)
+    assert done.returncode == 1 and done.stderr == b"meshkal: standard output: No space left on device\n"
 
 
 # --- recorded data -------------------------------------------------------------------------------------------------
@@ -199,6 +209,17 @@ def test_a_node_that_fails(alone, mpi, tmp_path, options):
             job = mpi(ranks, *command, *split, status=1)
             assert job.said == [want] and not (tmp_path / "json").exists(), (ranks, split)
             assert not log or log[1].read_bytes() == data
+
+
+@pytest.mark.parametrize("blind", range(1, 12, 2))
+def test_first_of_the_nodes_that_fail(alone, mpi, tmp_path, blind):
+    """Wherever it is in its part: among the inner nodes, or at the border of another part."""
+    path = tmp_path / "grow.json"
+    path.write_text(json.dumps(network(24, ring(24), C=lambda k: [[0.0, float(k < blind)]], A=((0.9, 0.0), (0.0, 2.0)), tolerance=0.0)))
+    options = (path, "--steps", 100, "--real", "float32", "--filter", "kfd")
+    want = alone(*options, status=1).stderr.decode().strip()
+    assert f"step 63, node {blind + 1}: " in want, want
+    assert mpi(3, *options, *NODES, status=1).said == [want]
 
 
 def test_start_that_fails(alone, mpi, tmp_path):

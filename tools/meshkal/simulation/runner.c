@@ -12,8 +12,10 @@
 /* Estimators that a thread takes at once. Fewer than some of those are not worth waking threads for. */
 enum { CHUNK = 1024, WORTH_THREADS = 4 * CHUNK };
 
-/* Steps whose sums wait for the other parts: one sum for all of them costs no more than one for each. */
+/* Steps whose sums wait for the other parts: one sum for all of them costs no more than one for each. Only then is it known that a part has
+   failed or was told to stop, so they wait for about as many node steps. */
 #define LONGEST_WAIT 64
+#define NODE_STEPS_WAIT 100000
 
 /* Sums of one step, in their order. */
 enum { SQUARE, POSITION, FINDINGS, STEP_SUMS = FINDINGS + MK_FINDINGS };
@@ -370,7 +372,8 @@ mk_run_state_t mk_runner_run(mk_runner_t *r, int run, mk_record_t *record, mk_ru
                              void *context, mk_error_t *error) {
     const mk_campaign_t *c = r->c;
     const size_t E = (size_t)r->topology->estimators, n = (size_t)c->scenario->n;
-    const int wait = c->log_path || r->team->ranks == 1 ? 1 : LONGEST_WAIT;
+    const int most = NODE_STEPS_WAIT / r->total < LONGEST_WAIT ? NODE_STEPS_WAIT / r->total + 1 : LONGEST_WAIT;
+    const int wait = c->log_path || r->team->ranks == 1 ? 1 : most;
     mk_run_state_t state = MK_RUN_DONE;
     r->from = r->waiting = 0;
     r->failed = -1;
