@@ -106,12 +106,15 @@ def test_threads_give_the_same_figures(figures, real, truth, loss):
 
 @pytest.mark.parametrize("options", [(), ("--loss", 0.2, "--real", "float32"), ("--truth", "least-favourable", "--filter", "rkfdnu")])
 def test_threads_share_the_nodes_of_one_run(run, figures, folder, tmp_path, options):
+    """All of a step on several threads: that is worth while for thousands of nodes only."""
     path = folder / "large.json"
     if not path.exists():
-        path.write_bytes(run("scenario", "projectile", "--nodes", 1500).stdout)
-    made = [(figures("--steps", 6, *options, "--threads", n, "--out", tmp_path / str(n), path=path), (tmp_path / str(n)).read_bytes())
+        path.write_bytes(run("scenario", "projectile", "--nodes", 6000).stdout)
+    made = [(figures("--steps", 3, *options, "--threads", n, "--out", tmp_path / str(n), path=path), (tmp_path / str(n)).read_bytes())
             for n in (1, 2, 3, 40)]
     assert made[0] == made[1] == made[2] == made[3]
+    header, steps, _ = log(made[0][1])
+    assert header["estimators"] == 6000 and all((a["estimate"] != b["estimate"]).all() for a, b in zip(steps, steps[1:]))
 
 
 @pytest.mark.parametrize("options", [("--real", "float32", "--loss", 0), ("--real", "float32", "--loss", 0.9), ("--filter", "kfc", "--seed", 4, "--loss", 0.99)])

@@ -5,12 +5,13 @@
 MPI_TEST_PROGRAMS := $(HOST_PLAIN)/test_partition $(HOST_SANE)/test_partition
 MPI_TEST_SOURCES := tests/mpi/test_partition.c tools/meshkal-mpi/partition.c
 
-$(HOST_PLAIN)/test_partition: $(MPI_TEST_SOURCES) tools/meshkal-mpi/partition.h $(HOST_PARTS)
+$(MPI_TEST_PROGRAMS): tools/meshkal-mpi/partition.h tools/meshkal/simulation/division.h
+$(HOST_PLAIN)/test_partition: $(MPI_TEST_SOURCES) $(HOST_PARTS)
 	@mkdir -p $(@D)
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $(HOST_INCLUDE) -Itools/meshkal-mpi $(MPI_TEST_SOURCES) $(HOST_PARTS) -lmetis $(HOST_TEST_LIBS) -o $@
 
-$(HOST_SANE)/test_partition: $(MPI_TEST_SOURCES) tools/meshkal-mpi/partition.h $(HOST_SANE_PARTS)
+$(HOST_SANE)/test_partition: $(MPI_TEST_SOURCES) $(HOST_SANE_PARTS)
 	@mkdir -p $(@D)
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $(SANITIZE) $(HOST_INCLUDE) -Itools/meshkal-mpi $(MPI_TEST_SOURCES) $(HOST_SANE_PARTS) -lmetis $(HOST_TEST_LIBS) -o $@

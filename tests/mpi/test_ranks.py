@@ -29,6 +29,8 @@ def grid(width, height):
 NETWORKS = {
     "mixed": None, "projectile": None,
     "grid": network(150, grid(15, 10)),
+    # So many that one process, too, has them in an order of its own.
+    "large": network(5000, grid(100, 50), C=lambda k: [[1.0, 0.5], [0.0, 1.0]][k % 3 // 2:], steps=3),
     "one": network(1, []), "three": network(3, ring(3)), "complete": network(9, [[i, j] for i in range(9) for j in range(i)]),
     # Two rings, a pair, and nodes by themselves.
     "apart": network(12, ring(4) + [[4 + a, 4 + b] for a, b in ring(3)] + [[7, 8]], C=lambda k: [[1.0, 0.0], [0.0, 1.0]]),
@@ -81,6 +83,7 @@ NODES, RUNS = ("--split", "nodes"), ("--split", "runs")
     ("projectile", ("--filter", "rkfdnu", "--truth", "least-favourable", "--runs", 5), [(2, *NODES), (4, *NODES), (2, *RUNS), (4, *RUNS)]),
     ("grid", ("--filter", "rkfdu", "--truth", "least-favourable", "--real", "float32", "--loss", 0.1),
      [(2, *NODES), (3, *NODES), (4, *NODES)]),
+    ("large", ("--filter", "rkfdnu2", "--truth", "least-favourable", "--loss", 0.1), [(1, *NODES), (2, *NODES), (3, *NODES, "--threads", 2)]),
     ("grid", ("--filter", "kfd", "--runs", 7, "--steps", 21), [(3, *NODES, "--threads", 2), (3, *RUNS, "--threads", 2), (4, *RUNS)]),
     # A centre is not divided: its runs are shared, whatever is asked for.
     ("mixed", ("--filter", "kfc", "--loss", 0.3, "--runs", 5, "--real", "float32"), [(2, *RUNS), (3, *NODES)]),
@@ -211,14 +214,15 @@ def test_a_node_that_fails(alone, mpi, tmp_path, options):
             assert not log or log[1].read_bytes() == data
 
 
-@pytest.mark.parametrize("blind", range(1, 12, 2))
-def test_first_of_the_nodes_that_fail(alone, mpi, tmp_path, blind):
-    """Wherever it is in its part: among the inner nodes, or at the border of another part."""
+@pytest.mark.parametrize("nodes,seeing", [*((24, k) for k in range(1, 12, 2)), (4100, 2000)])
+def test_first_of_the_nodes_that_fail(alone, mpi, tmp_path, nodes, seeing):
+    """Wherever it is in its part: among the inner nodes, or at the border of another part; and in whatever order they are worked on."""
     path = tmp_path / "grow.json"
-    path.write_text(json.dumps(network(24, ring(24), C=lambda k: [[0.0, float(k < blind)]], A=((0.9, 0.0), (0.0, 2.0)), tolerance=0.0)))
+    path.write_text(json.dumps(network(nodes, ring(nodes), C=lambda k: [[0.0, float(k < seeing)]], A=((0.9, 0.0), (0.0, 2.0)), tolerance=0.0)))
     options = (path, "--steps", 100, "--real", "float32", "--filter", "kfd")
     want = alone(*options, status=1).stderr.decode().strip()
-    assert f"step 63, node {blind + 1}: " in want, want
+    assert f"step 63, node {seeing + 1}: " in want, want
+    assert alone(*options, "--threads", 3, status=1).stderr.decode().strip() == want
     assert mpi(3, *options, *NODES, status=1).said == [want]
 
 
@@ -233,15 +237,17 @@ def test_start_that_fails(alone, mpi, tmp_path):
     assert mpi(3, path, "--real", "float32", "--filter", "kfd", *NODES, status=1).said == [want]
 
 
-def test_tolerances_that_cannot_be_computed(alone, mpi, tmp_path):
+@pytest.mark.parametrize("nodes", [12, 4100])
+def test_tolerances_that_cannot_be_computed(alone, mpi, tmp_path, nodes):
     """Numbers out of all proportion: several nodes have none, in several parts. One process names the first."""
-    path = tmp_path / "odd.json"
-    s = network(12, ring(12), C=lambda k: [[1e100 if k in (5, 11) else 1.0, 0.0]], A=((1.19, 0.0), (0.0, -0.31)), tolerance=0.003)
-    for k in (5, 11):
+    path, odd = tmp_path / "odd.json", range(5, nodes, 6)
+    s = network(nodes, ring(nodes), C=lambda k: [[1e100 if k in odd else 1.0, 0.0]], A=((1.19, 0.0), (0.0, -0.31)), tolerance=0.003)
+    for k in odd:
         s["nodes"][k]["R"] = [[1e-20]]
     s["model"] |= {"Q": [[1e-117, 0.0], [0.0, 1e-117]], "P0": [[1e119, 0.0], [0.0, 1e119]]}
     path.write_text(json.dumps(s))
     want = alone(path, "--filter", "rkfdnu", status=2).stderr.decode().strip()
+    print(want)
     assert "local tolerance of node 0 cannot be computed in step 0" in want, want
     for ranks in (2, 3, 4):
         assert mpi(ranks, path, "--filter", "rkfdnu", *NODES, status=2).said == [want], ranks
