@@ -89,7 +89,8 @@ class Bench:
     def divide(self, scenario, parts):
         """METIS alone, and the time to read the scenario, on one core."""
         core = {min(os.sched_getaffinity(0))}
-        done = subprocess.run([self.cuts, scenario, *map(str, parts)], check=True, stdout=subprocess.PIPE, preexec_fn=lambda: os.sched_setaffinity(0, core))
+        done = subprocess.run([self.cuts, scenario, *map(str, parts)], check=True, stdout=subprocess.PIPE,
+                              preexec_fn=lambda: os.sched_setaffinity(0, core))
         return json.loads(done.stdout)
 
 
@@ -108,13 +109,14 @@ def say(row, first, cores, weak=False):
     workers = row["ranks"] * row["threads"]
     speedup = first["step_s"] / row["step_s"] * (row["nodes"] / first["nodes"] if weak else 1.0)
     note = f"  more than the {cores} cores: no measure" if workers > cores else ""
-    print(f"{row['nodes']:8d} {row['ranks']:6d} {row['threads']:8d} {1e3 * row['step_s']:12.3f} {row['nodes'] / row['step_s'] / 1e6:14.2f} {speedup:8.2f} "
-          f"{100 * speedup / workers:10.0f} % {row['bytes_a_step']:10.0f} {row['cut_links']:9d}{note}")
+    print(f"{row['nodes']:8d} {row['ranks']:6d} {row['threads']:8d} {1e3 * row['step_s']:12.3f} {row['nodes'] / row['step_s'] / 1e6:14.2f} "
+          f"{speedup:8.2f} {100 * speedup / workers:10.0f} % {row['bytes_a_step']:10.0f} {row['cut_links']:9d}{note}")
     return row | {"speedup": speedup, "oversubscribed": workers > cores}
 
 
 def table(title, rows, cores, weak=False):
-    print(f"\n{title}\n{'nodes':>8} {'ranks':>6} {'threads':>8} {'ms a step':>12} {'M node-steps/s':>14} {'speedup':>8} {'efficiency':>12} {'bytes/step':>10} {'links cut':>9}")
+    print(f"\n{title}\n{'nodes':>8} {'ranks':>6} {'threads':>8} {'ms a step':>12} {'M node-steps/s':>14} {'speedup':>8} {'efficiency':>12} "
+          f"{'bytes/step':>10} {'links cut':>9}")
     return [say(row, rows[0], cores, weak) for row in rows]
 
 
@@ -136,7 +138,8 @@ def scale(bench):
 
 def fit_step(bench):
     jobs = [dict(scenario=bench.scenario(nodes, far), steps=50_000 // nodes * ranks, ranks=ranks)
-            for nodes, far in ((60, False), (60, True), (200, False), (200, True), (600, False), (600, True), (1000, False), (2000, False), (2000, True))
+            for nodes, far in ((60, False), (60, True), (200, False), (200, True), (600, False), (600, True), (1000, False), (2000, False),
+                               (2000, True))
             for ranks in (1, 2) if ranks <= bench.cores and nodes <= 1000 * ranks]
     rows = bench.fastest(jobs, 4)  # short runs, often: some are undisturbed
     nodes, sent = [r["nodes"] / r["ranks"] for r in rows], [r["bytes_a_step"] / r["ranks"] for r in rows]
@@ -158,7 +161,7 @@ def fit_step(bench):
 
 def divide(bench, full):
     """Links cut against the square-root law, and the parts of the target."""
-    found = [bench.divide(bench.scenario(nodes), parts) for nodes, parts in ((20000, (2, 4, 8, 16, 32, 64)), (100000, (2, 4, 8, 16, 32, 64, 100)))]
+    found = [bench.divide(bench.scenario(20000), (2, 4, 8, 16, 32, 64)), bench.divide(bench.scenario(100000), (2, 4, 8, 16, 32, 64, 100))]
     points = [(f["nodes"], c["parts"], c["cut_links"]) for f in found for c in f["cuts"]]
     # Lines that divide a square into parts: 2 (sqrt(parts) - 1), each crossed by links as sqrt(nodes).
     X = np.array([[1.0, math.log(n), math.log(math.sqrt(p) - 1.0)] for n, p, _ in points])
@@ -171,8 +174,8 @@ def divide(bench, full):
         found.append(bench.divide(bench.scenario(TARGET_NODES), (TARGET_RANKS,)))
     for f in found:
         for c in f["cuts"]:
-            print(f"{f['nodes']:8d} {c['parts']:6d} {c['cut_links']:10d} {100 * c['cut_links'] / f['links']:6.2f} % {c['bytes_a_step']:11d} {c['most_nodes']:11d} "
-                  f"{c['most_bytes']:11d} {c['most_peers']:11d} {c['seconds']:8.2f}")
+            print(f"{f['nodes']:8d} {c['parts']:6d} {c['cut_links']:10d} {100 * c['cut_links'] / f['links']:6.2f} % {c['bytes_a_step']:11d} "
+                  f"{c['most_nodes']:11d} {c['most_bytes']:11d} {c['most_peers']:11d} {c['seconds']:8.2f}")
     return found, {"exponent_nodes": float(law[1]), "exponent_sqrt_parts_less_1": float(law[2])}
 
 
@@ -194,15 +197,16 @@ def extrapolate(model, found):
     step = compute + exchange + sums
     print(f"\n{TARGET_NODES} nodes on {TARGET_RANKS} cores, by the model: {1e3 * step:.2f} ms a step, {TARGET_NODES / step / 1e6:.0f} million node-steps a second\n"
           f"  measured here, carried over:  {1e3 * compute:.3f} +- {1e3 * half:.3f} ms, {nodes} nodes of the largest part (cores as fast as these)\n"
-          f"  ASSUMED: {NETWORK['name']}, {1e6 * latency:.1f} us a message, {wire / 1e9:.2f} GB/s a rank:  {1e6 * exchange:.0f} us for {peers} peers and {sent} bytes; "
-          f"{1e6 * sums:.0f} us for sums\n"
+          f"  ASSUMED: {NETWORK['name']}, {1e6 * latency:.1f} us a message, {wire / 1e9:.2f} GB/s a rank:  {1e6 * exchange:.0f} us for {peers} peers "
+          f"and {sent} bytes; {1e6 * sums:.0f} us for sums\n"
           f"  for comparison, b and c of these cores' shared memory, c for each peer: {1e6 * shared:.0f} +- {1e6 * shared_half:.0f} us instead\n"
           f"  before the first step: {read:.0f} s to read the scenario, whole, on every rank; {metis:.1f} s METIS on the first rank\n"
           f"  not in it: ranks that wait for the slowest, noise of the system, a file system that {TARGET_RANKS} ranks read at once, memory bandwidth shared by\n"
           f"  more than {min(os.cpu_count() or 1, 2)} cores. Division measured: {source['nodes']} nodes in {part['parts']} parts"
           f"{'' if grow == 1 else f'; reading and METIS {grow:.0f} times as long'}.")
-    return {"nodes": TARGET_NODES, "ranks": TARGET_RANKS, "step_s": step, "node_steps_per_second": TARGET_NODES / step, "compute_s": compute, "compute_ci95": half,
-            "exchange_s_assumed": exchange, "sum_s_assumed": sums, "exchange_s_shared_memory": shared, "read_s": read, "metis_s": metis,
+    return {"nodes": TARGET_NODES, "ranks": TARGET_RANKS, "step_s": step, "node_steps_per_second": TARGET_NODES / step,
+            "compute_s": compute, "compute_ci95": half, "exchange_s_assumed": exchange, "sum_s_assumed": sums,
+            "exchange_s_shared_memory": shared, "exchange_ci95_shared_memory": shared_half, "read_s": read, "metis_s": metis,
             "division": {"nodes": source["nodes"]} | part, "assumed_network": NETWORK}
 
 
@@ -211,7 +215,8 @@ def plot(scaling, rows, found, path):
     for name, style in (("strong", "o-"), ("weak", "s-"), ("runs", "^-"), ("threads", "d-")):
         workers = [r["ranks"] * r["threads"] for r in scaling[name]]
         left.plot(workers, [r["speedup"] for r in scaling[name]], style, label=name)
-        left.plot([w for w, r in zip(workers, scaling[name]) if r["oversubscribed"]], [r["speedup"] for r in scaling[name] if r["oversubscribed"]], "kx", ms=12)
+        over = [(w, r["speedup"]) for w, r in zip(workers, scaling[name]) if r["oversubscribed"]]
+        left.plot([w for w, _ in over], [v for _, v in over], "kx", ms=12)
     left.plot([1, 4], [1, 4], ":", color="grey", label="ideal")
     left.set(xlabel="processes or threads (crossed: more than cores)", ylabel="speedup", title="scaling")
     middle.loglog([1e3 * r["step_s"] for r in rows], [1e3 * r["model_s"] for r in rows], "o")
@@ -246,8 +251,8 @@ def main():
         found, law = divide(bench, arguments.full)
     target = extrapolate(model, found)
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    result = {"filter": FILTER, "density": DENSITY, "cores": bench.cores, "load_before": load, "scaling": scaling, "model": model, "model_error_rms": error,
-              "points": rows, "divisions": found, "cut_law": law, "extrapolation": target}
+    result = {"filter": FILTER, "density": DENSITY, "cores": bench.cores, "load_before": load, "scaling": scaling,
+              "model": model, "model_error_rms": error, "points": rows, "divisions": found, "cut_law": law, "extrapolation": target}
     (arguments.folder / "scaling.json").write_text(json.dumps(result, indent=1) + "\n")
     plot(scaling, rows, found, arguments.folder / "scaling.png")
     print(f"\n{arguments.folder / 'scaling.json'}, {arguments.folder / 'scaling.png'}; {time.monotonic() - from_time:.0f} s")
