@@ -11,7 +11,7 @@ import numpy as np
 from . import published
 from .draws import FILTERS, HORIZON, LARGER_TOLERANCE, Draw
 from .networks import mean_degree
-from .properties import APART_DB, MUST, Outcome, decibels, evaluate, gap_db, transient_db
+from .properties import APART_DB, CLAIM, MUST, Outcome, decibels, evaluate, gap_db, transient_db
 
 SHOWN_SEEDS = 12
 
@@ -113,7 +113,11 @@ def markdown(rows: list[Row], outcomes: list[Outcome], draws: list[Draw], errors
     parts.append(_table(header, [_outcome_cells(o) for o in outcomes]))
     broken = sum(outcome.breaks for outcome in outcomes)
     must = [o for o in outcomes if o.property.kind == MUST]
+    claims = [o for o in outcomes if o.property.kind == CLAIM]
+    false = [o.property.text for o in claims if o.failed]
     parts.append(f"{len(must) - broken} of {len(must)} properties that must hold do, on every draw.\n")
+    if false:
+        parts.append(f"{len(false)} of {len(claims)} claims of the paper fail on some draw: {'; '.join(false)}.\n")
     return "\n".join(parts)
 
 
