@@ -31,7 +31,8 @@ help: ## this list
 
 PACKAGES = gcc g++ clang make pkgconf liblapacke-dev libjansson-dev libcbor-dev libsodium-dev libcmocka-dev libeigen3-dev \
            openmpi-bin libopenmpi-dev libmetis-dev \
-           python3-venv
+           gcc-arm-none-eabi picolibc-arm-none-eabi qemu-system-arm gcc-riscv64-unknown-elf picolibc-riscv64-unknown-elf qemu-system-misc \
+           cmake iproute2 python3-venv
 SETUP = .venv/setup-done
 # Other users than root need sudo.
 ROOT := $(if $(filter 0,$(shell id -u)),,sudo)
