@@ -101,6 +101,8 @@ $(eval $(call FIRMWARE_TEST,startup,instruction,99,fault: ))
 $(eval $(call FIRMWARE_TEST,startup,overflow,99,stack overflow))
 $(eval $(call FIRMWARE_TEST,startup,below-ram,99,fault: ))
 
+include tests/firmware/demo/demo.mk
+
 # --- run -------------------------------------------------------------------------------------------------------------------
 
 # What firmware.sh reads. A table of the targets: name, emulator, prefix of the tools, "single" where there is no double in hardware.
