@@ -80,6 +80,7 @@ class Medium:
         self.counts[k]["early"] += copy.position > position
         return "taken"
 
-    def forget(self, k):
-        """Node k is off: what was on its way to it is gone."""
-        self.inbox[k], self.delayed[k] = [], []
+    def forget(self, k, position):
+        """Node k was off before this position: what was sent by then is gone."""
+        for box in (self.inbox, self.delayed):
+            box[k] = [copy for copy in box[k] if copy.position >= position]

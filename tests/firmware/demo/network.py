@@ -40,12 +40,11 @@ class Network:
             if self.reboot and position == 2 * self.reboot[1] + 1:
                 off = self.reboot[0]
                 self.boards.reset(off)
-                self.medium.forget(off)
             fast = [k for k in self.boards.nodes if self.random.random() < FAST]
             self.end_stage([k for k in fast if k != off], position)
             self.end_stage([k for k in self.boards.nodes if k not in fast and k != off], position)
             if off is not None and position + 1 < 2 * len(self.readings):
-                self.medium.forget(off)
+                self.medium.forget(off, position + 1)
                 self.measure([off], position // 2 + 1)
             progress(position)
 
