@@ -112,11 +112,15 @@ $(FIRMWARE)/vectors_write-$(1) $(FIRMWARE)/vectors_write-$(1)-sanitize: $(FIRMWA
 	@$$(CC) $$(CFLAGS) $$(if $$(filter %-sanitize,$$@),$$(SANITIZE)) $(INCLUDE) -DVECTOR_BITS=$(1) $(FIRMWARE_VECTORS_SOURCES) -lm -o $$@
 $(FIRMWARE)/vectors-f$(1).bin: $(FIRMWARE)/vectors_write-$(1) $(FIRMWARE)/vectors_write-$(1)-sanitize
 	@$$< > $$@.made && $$<-sanitize | cmp - $$@.made && mv $$@.made $$@
-FIRMWARE_DATA += $(FIRMWARE)/vectors-f$(1).bin
+# The last number of all, one bit of it changed: that the image must see.
+$(FIRMWARE)/vectors-f$(1)-altered.bin: $(FIRMWARE)/vectors-f$(1).bin
+	@$(PYTHON) -c 'import sys; b = bytearray(sys.stdin.buffer.read()); b[-4] ^= 1; sys.stdout.buffer.write(b)' < $$< > $$@
+FIRMWARE_DATA += $(FIRMWARE)/vectors-f$(1).bin $(FIRMWARE)/vectors-f$(1)-altered.bin
 endef
 $(foreach b,32 64,$(eval $(call FIRMWARE_VECTORS,$(b)))\
   $(eval $(call FIRMWARE_IMAGE,vectors-f$(b),tests/firmware/vectors.c tests/firmware/vectors_compare.c,-DVECTOR_BITS=$(b)))\
-  $(eval $(call FIRMWARE_TEST,vectors-f$(b),$(FIRMWARE)/vectors-f$(b).bin,0,words agree)))
+  $(eval $(call FIRMWARE_TEST,vectors-f$(b),$(FIRMWARE)/vectors-f$(b).bin,0,words agree))\
+  $(eval $(call FIRMWARE_TEST,vectors-f$(b),$(FIRMWARE)/vectors-f$(b)-altered.bin,1,differs)))
 
 # A network whose nodes all run in one image: headers of meshkal design, readings and losses of meshkal simulate.
 define FIRMWARE_NETWORK
