@@ -74,6 +74,12 @@ def against_simulator(k, reports, log, until):
     return compared, equal, first
 
 
+def error(reports, log):
+    """Root of the mean squared distance of these estimates from the truth."""
+    steps = log[1]
+    return float(np.sqrt(np.mean([np.sum((steps[t + 1]["truth"] - np.frombuffer(report.estimate, "<f4")) ** 2) for t, report in reports])))
+
+
 def messages(data):
     found, at = [], 0
     while at + 4 <= len(data):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
-# A network of emulated boards: included by tests/firmware/firmware.mk.
-#   make demo-firmware   200 steps; table, build/demo/run.cbor. DEMO_OPTIONS: --help lists them
+# A network of emulated boards: included by the main Makefile, after firmware.mk.
+#   make demo-firmware        200 steps; table, build/demo/run.cbor. DEMO_OPTIONS="--reboot", "--help" for the others
+#   make test-demo-firmware   its tests alone; `make test` has them, too
 
 DEMO := $(BUILD)/demo
 DEMO_SOURCE := tests/firmware/demo
@@ -26,9 +27,13 @@ $(DEMO)/host/node-%: $(DEMO_COMMON) $(DEMO_SOURCE)/link_host.c $(wildcard $(DEMO
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $(INCLUDE) -I$(DEMO)/headers -DNODE=$* $(filter %.c,$^) $(LIBRARY) -lm -o $@
 
-.PHONY: demo-firmware demo-firmware-parts
+.PHONY: demo-firmware demo-firmware-parts test-demo-firmware
 demo-firmware-parts: $(PROGRAM) $(DEMO_IMAGES) $(DEMO_HOST_NODES)
+	@echo "$(FIRMWARE_QEMU_m4f)" > $(DEMO)/emulator
 
-DEMO_RUN = $(PYTHON) $(DEMO_SOURCE) --build $(BUILD) --emulator "$(FIRMWARE_QEMU_m4f)"
 demo-firmware: demo-firmware-parts ## six emulated boards on lossy links, bit for bit the simulator: table, build/demo/run.cbor
-	@$(DEMO_RUN) $(DEMO_OPTIONS)
+	@$(PYTHON) $(DEMO_SOURCE) --build $(BUILD) $(DEMO_OPTIONS)
+
+test-demo-firmware: demo-firmware-parts
+	@sh $(DEMO_SOURCE)/demo.sh $(BUILD) | tee $(DEMO)/results
+	@! grep -q '^not ok' $(DEMO)/results

@@ -75,12 +75,14 @@ class Network:
             self.medium.transmit(k, position, content)
 
     def alter(self, k, position, content):
-        """With --spoil frame: one bit of one estimate, under a checksum that hides it."""
-        if self.spoil != "frame" or position < len(self.readings) or position % 2 == 0 or content[1] & 3 != 2 or len(content) < 20:
+        """With --spoil frame: one bit of one estimate that arrives in the second half, under a checksum that hides it."""
+        wanted = self.spoil == "frame" and position >= len(self.readings) and position % 2 == 1 and len(content) > HEADER.size + 4
+        if not wanted or zlib.crc32(content[:-4]) != struct.unpack("<I", content[-4:])[0]:
             return content
-        if zlib.crc32(content[:-4]) != struct.unpack("<I", content[-4:])[0]:
+        _, kind, node, _, step = HEADER.unpack_from(content)
+        if 2 * step + (kind & 3) - 1 != position or node not in self.medium.neighbours[k]:
             return content
         self.spoil = None
         spoiled = bytearray(content[:-4])
-        spoiled[HEADER.size] ^= 1
+        spoiled[HEADER.size + 1] ^= 0x40 # the 14th bit of the first number: the lowest might be rounded away
         return bytes(spoiled) + struct.pack("<I", zlib.crc32(spoiled))
