@@ -133,7 +133,8 @@ $(FIRMWARE)/network-f$(1)/network_data.h: tests/firmware/network_data.py tests/f
 endef
 $(foreach b,32 64,$(eval $(call FIRMWARE_NETWORK,$(b)))\
   $(eval $(call FIRMWARE_IMAGE,network-f$(b),tests/firmware/network.c,-DNETWORK_BITS=$(b) -I$(FIRMWARE)/network-f$(b),$(FIRMWARE)/network-f$(b)/network_data.h))\
-  $(eval $(call FIRMWARE_TEST,network-f$(b),,0,numbers agree)))
+  $(eval $(call FIRMWARE_TEST,network-f$(b),,0,numbers agree))\
+  $(eval $(call FIRMWARE_TEST,network-f$(b),altered,1,differs)))
 
 # --- run -------------------------------------------------------------------------------------------------------------------
 

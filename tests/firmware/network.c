@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /* A small network on one target: the nodes of headers that meshkal design wrote, exchanging real frames, with the readings and the
    losses of a run of meshkal simulate. Every estimate and every theta must have the simulator's bits. Node 0 runs the unrolled
-   kernels, the others share those of the library. NETWORK_BITS is 32 or 64. */
+   kernels, the others share those of the library. NETWORK_BITS is 32 or 64. With "altered" on the command line one reading is changed by
+   a little: that must be seen. */
 #include <string.h>
 
 #include <meshkal/unrolled.h>
@@ -60,7 +61,7 @@ NODE(node05)
     }
 static const face_t node[NODES] = {FACE(node00), FACE(node01), FACE(node02), FACE(node03), FACE(node04), FACE(node05)};
 
-static int step;
+static int step, altered;
 static uint32_t compared, lost;
 
 static void place(int k) {
@@ -127,7 +128,12 @@ static void one_step(void) {
     const uint8_t *arrived = have_measurement[step];
     for (int k = 0; k < NODES; k++) {
         compare(k, "estimate", STATES, node[k].x, estimate[step] + k * STATES);
-        if (*arrived) expect(k, "measure", node[k].measure(y));
+        if (*arrived) {
+            real_t reading[ROWS];
+            memcpy(reading, y, sizeof *y * node_rows[k]);
+            if (altered && step == STEPS / 2) reading[0] *= (real_t)1.0001f;
+            expect(k, "measure", node[k].measure(reading));
+        }
         y += node_rows[k];
         arrived += node[k].slots;
     }
@@ -141,6 +147,8 @@ static void one_step(void) {
 }
 
 int main(void) {
+    char line[32];
+    altered = mk_command_line(line, sizeof line) && strstr(line, " altered");
     for (int k = 0; k < NODES; k++) expect(k, "start", node[k].start());
     for (step = 0; step < STEPS; step++) one_step();
     if (lost < STEPS || node[0].core->theta == (real_t)0) {
