@@ -1,0 +1,15 @@
+# SPDX-License-Identifier: MIT
+# Sourced by the scripts beside it, each called as  NAME.sh BUILD : check() prints "ok" or "not ok" lines, which tests/run.sh counts.
+build=$1
+name=$(basename "$0" .sh)
+out=$build/test-package/$name
+rm -rf "$out" && mkdir -p "$out"
+# Where commands change the directory.
+root=$PWD here=$PWD/$out
+warnings="-pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wvla -Werror"
+strict="$warnings -ffp-contract=off"
+check() { # title, command...
+    title=$1
+    shift
+    if "$@" >"$out/log" 2>&1; then echo "ok: $title"; else echo "not ok: $title" && cat "$out/log"; fi
+}
