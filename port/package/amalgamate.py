@@ -16,6 +16,16 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 SEARCH = [ROOT / "include", ROOT / "src"]
 # Headers that a freestanding compiler has, and the two that the node library may ask of a C library.
 STANDARD = {"float.h", "iso646.h", "limits.h", "stdalign.h", "stdarg.h", "stdbool.h", "stddef.h", "stdint.h", "string.h", "math.h"}
+# Arduino's builder takes no compiler flags from a library. Nothing is restored at the end: macros put kernels into what follows.
+CONTRACTION = """#ifdef ARDUINO
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__)
+#pragma GCC optimize("fp-contract=off")
+#endif
+#endif
+
+"""
 INCLUDE = re.compile(r'\s*#\s*include\s*([<"])([^>"]+)[>"]')
 GUARD = re.compile(r"\A(?:\s|/\*.*?\*/|//[^\n]*)*#\s*ifndef\s+(\w+)\s+#\s*define\s+\1\b", re.S)
 SPDX = re.compile(r"/\* SPDX-License-Identifier: MIT \*/\n")
@@ -92,10 +102,10 @@ def main():
     (out / "meshkal").mkdir(parents=True, exist_ok=True)
     for old in (out / "meshkal").rglob("*.h"):
         old.unlink()
-    (out / "meshkal.h").write_text(title % "public headers and kernels." + "#ifndef MESHKAL_AMALGAMATION_H\n#define MESHKAL_AMALGAMATION_H\n\n"
-                                   + "\n".join(header) + "\n#endif\n")
-    (out / "meshkal.c").write_text(title % "the functions. Compile with -ffp-contract=off." + '#define MK_ROLLED\n#include "meshkal.h"\n\n'
-                                   + "\n".join(source))
+    (out / "meshkal.h").write_text("".join([title % "public headers and kernels.", "#ifndef MESHKAL_AMALGAMATION_H\n#define MESHKAL_AMALGAMATION_H\n\n",
+                                            CONTRACTION, "\n".join(header), "\n#endif\n"]))
+    (out / "meshkal.c").write_text("".join([title % "the functions. Compile with -ffp-contract=off.", '#define MK_ROLLED\n#include "meshkal.h"\n\n',
+                                            "\n".join(source)]))
     for path in public:
         name = path.relative_to(ROOT / ("include" if path.is_relative_to(ROOT / "include") else "src"))
         up = "../" * (len(name.parts) - 1)
