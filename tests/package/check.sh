@@ -13,3 +13,6 @@ check() { # title, command...
     shift
     if "$@" >"$out/log" 2>&1; then echo "ok: $title"; else echo "not ok: $title" && cat "$out/log"; fi
 }
+fused() { # file of a Cortex-M4F: its fused operations; nothing if it has no floating-point code at all
+    arm-none-eabi-objdump -d "$1" >"$out/listing" && grep -q 'vmul.f32' "$out/listing" && grep -cE 'vfn?m[as]' "$out/listing"
+}
