@@ -13,6 +13,11 @@ check() { # title, command...
     shift
     if "$@" >"$out/log" 2>&1; then echo "ok: $title"; else echo "not ok: $title" && cat "$out/log"; fi
 }
+expect() { # what the tree itself prints, and every consumer must
+    # shellcheck disable=SC2086
+    gcc -std=c99 -O1 $strict -Iinclude -Isrc tests/package/consumer.c "$build/libmeshkal.a" -lm -o "$out/expected-program" &&
+        "$out/expected-program" >"$out/expected"
+}
 fused() { # file of a Cortex-M4F: its fused operations; nothing if it has no floating-point code at all
     arm-none-eabi-objdump -d "$1" >"$out/listing" && grep -q 'vmul.f32' "$out/listing" && grep -cE 'vfn?m[as]' "$out/listing"
 }

@@ -25,12 +25,15 @@ static shared_t shared_node;
 static unrolled_t unrolled_node;
 
 #define RUN(name, real, start)                                                                                                 \
-    static const mk_##real##_t name##_A[4] = {1, (mk_##real##_t)0.1, 0, 1}, name##_Q[3] = {(mk_##real##_t)1e-4, 0, (mk_##real##_t)1e-3}; \
-    static const mk_##real##_t name##_x0[2] = {0, 0}, name##_P0[3] = {1, 0, 1}, name##_weight[2] = {(mk_##real##_t)0.7, (mk_##real##_t)0.3}; \
+    static const mk_##real##_t name##_A[4] = {1, (mk_##real##_t)0.1, 0, 1};                                                    \
+    static const mk_##real##_t name##_Q[3] = {(mk_##real##_t)1e-4, 0, (mk_##real##_t)1e-3};                                    \
+    static const mk_##real##_t name##_x0[2] = {0, 0}, name##_P0[3] = {1, 0, 1};                                                \
+    static const mk_##real##_t name##_weight[2] = {(mk_##real##_t)0.7, (mk_##real##_t)0.3};                                    \
     static const mk_##real##_t name##_C[4] = {1, 0, 1, (mk_##real##_t)0.3}, name##_R[1] = {(mk_##real##_t)0.3};                \
     static mk_##real##_t name##_F[4], name##_S[6], name##_R_inverse[2];                                                        \
-    static const name##_config_t name##_config = {2,        1,      2,      name##_A, name##_Q, 0, name##_x0, name##_P0, name##_weight, rows, \
-                                                  name##_C, name##_F, name##_S, name##_R_inverse, (mk_##real##_t)0.02};         \
+    static const name##_config_t name##_config = {2,    1,        2,        name##_A, name##_Q, 0, name##_x0, name##_P0,       \
+                                                  name##_weight, rows, name##_C, name##_F, name##_S, name##_R_inverse,         \
+                                                  (mk_##real##_t)0.02};                                                        \
     static int name##_run(void) {                                                                                              \
         mk_##real##_t work[3];                                                                                                 \
         int t, l;                                                                                                              \

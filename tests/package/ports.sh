@@ -10,7 +10,7 @@ tools=$root/$build/package-tools/bin
 check "builders of the packages" make -s "$build/package-tools/done" BUILD="$build"
 check "make dist" make -s dist BUILD="$build"
 packages=$root/$build/dist/packages
-gcc -std=c99 -O1 $strict -Iinclude -Isrc tests/package/consumer.c "$build/libmeshkal.a" -lm -o "$out/expected-program" && "$out/expected-program" >"$out/expected"
+expect
 version=$(sed -n '1s/Meshkal //p' "$out/expected")
 m4f="-mcpu=cortex-m4 -mfpu=fpv4-sp-d16 -mfloat-abi=hard"
 contraction_off() { # compile_commands.json, units
@@ -22,8 +22,8 @@ core=$here/pio-core project=$out/pio
 mkdir -p "$core/packages/tool-scons" "$core/platforms" "$project/src" "$project/lib"
 scons=$("$tools/python" -c "import platformio.dependencies as d; print(d.get_core_dependencies()['tool-scons'].lstrip('~'))")
 echo "{\"name\": \"tool-scons\", \"version\": \"$scons\", \"description\": \"SCons\"}" >"$core/packages/tool-scons/package.json"
-echo "{\"type\": \"tool\", \"name\": \"tool-scons\", \"version\": \"$scons\", \"spec\": {\"owner\": \"platformio\", \"id\": 8192, \"name\": \"tool-scons\", \"requirements\": null, \"uri\": null}}" \
-    >"$core/packages/tool-scons/.piopm"
+echo "{\"type\": \"tool\", \"name\": \"tool-scons\", \"version\": \"$scons\"," \
+    "\"spec\": {\"owner\": \"platformio\", \"id\": 8192, \"name\": \"tool-scons\", \"requirements\": null, \"uri\": null}}" >"$core/packages/tool-scons/.piopm"
 echo 'import SCons.Script; SCons.Script.main()' >"$core/packages/tool-scons/scons.py"
 cp -R "$ports/pio-platform" "$core/platforms/here"
 cp "$ports/platformio.ini" "$project/"
@@ -39,15 +39,18 @@ check "PlatformIO: the program prints the same bits" sh -c "$project/.pio/build/
 check "PlatformIO: no fused operation in the project's units and the library" test "$(fused "$project/.pio/build/cortex-m4f/program")" = 0
 
 # ESP-IDF: the component manager packs it; its build functions are stood in for, with the compiler of the C3's instruction set.
-check "ESP-IDF: the component manager packs it" sh -c "cp -R $packages/esp-idf $out/meshkal && cd $out/meshkal && IDF_TOOLS_PATH=$here/idf-tools timeout 60 $tools/compote component pack --name meshkal --dest-dir $here/idf && \
+check "ESP-IDF: the component manager packs it" sh -c "cp -R $packages/esp-idf $out/meshkal && cd $out/meshkal && \
+    IDF_TOOLS_PATH=$here/idf-tools timeout 60 $tools/compote component pack --name meshkal --dest-dir $here/idf && \
     test -s $here/idf/meshkal_$version.tgz"
 check "ESP-IDF: the component manager refuses a false version" sh -c "cd $out/meshkal && sed -i 's/^version:.*/version: \"one\"/' idf_component.yml && \
     ! IDF_TOOLS_PATH=$here/idf-tools timeout 60 $tools/compote component pack --name meshkal --dest-dir $here/idf-refused"
-riscv="-DCMAKE_SYSTEM_NAME=Generic -DCMAKE_TRY_COMPILE_TARGET_TYPE=STATIC_LIBRARY -DCMAKE_C_COMPILER=riscv64-unknown-elf-gcc -DCMAKE_CXX_COMPILER=riscv64-unknown-elf-g++"
-arm="-DCMAKE_SYSTEM_NAME=Generic -DCMAKE_TRY_COMPILE_TARGET_TYPE=STATIC_LIBRARY -DCMAKE_C_COMPILER=arm-none-eabi-gcc -DCMAKE_CXX_COMPILER=arm-none-eabi-g++"
+generic="-DCMAKE_SYSTEM_NAME=Generic -DCMAKE_TRY_COMPILE_TARGET_TYPE=STATIC_LIBRARY -DCMAKE_EXPORT_COMPILE_COMMANDS=ON"
+riscv="$generic -DCMAKE_C_COMPILER=riscv64-unknown-elf-gcc -DCMAKE_CXX_COMPILER=riscv64-unknown-elf-g++"
+arm="$generic -DCMAKE_C_COMPILER=arm-none-eabi-gcc -DCMAKE_CXX_COMPILER=arm-none-eabi-g++"
 flash="-Wl,--defsym=__flash_size=0x80000"
-check "ESP-IDF: component and a program that requires it, rv32imc" sh -c "cmake -S $ports/esp-idf -B $out/idf-build $riscv '-DCMAKE_C_FLAGS=--specs=picolibc.specs -march=rv32imc -mabi=ilp32' \
-    '-DCMAKE_CXX_FLAGS=--specs=picolibc.specs -march=rv32imc -mabi=ilp32' '-DCMAKE_EXE_LINKER_FLAGS=$flash' -DCMAKE_EXPORT_COMPILE_COMMANDS=ON -DCOMPONENT=$packages/esp-idf -DCONSUMER=$root/tests/package/consumer.c && \
+check "ESP-IDF: component and a program that requires it, rv32imc" sh -c "cmake -S $ports/esp-idf \
+    -B $out/idf-build $riscv '-DCMAKE_C_FLAGS=--specs=picolibc.specs -march=rv32imc -mabi=ilp32' \
+    '-DCMAKE_CXX_FLAGS=--specs=picolibc.specs -march=rv32imc -mabi=ilp32' '-DCMAKE_EXE_LINKER_FLAGS=$flash' -DCOMPONENT=$packages/esp-idf -DCONSUMER=$root/tests/package/consumer.c && \
     cmake --build $out/idf-build -j2"
 check "ESP-IDF: contraction is off in the component and in what requires it" contraction_off "$out/idf-build/compile_commands.json" 3
 
@@ -62,8 +65,9 @@ options.syms['MESHKAL'].set_value('$answer') or sys.exit('no such option')
 options.write_config('$out/zephyr/config-$answer')
 options.warnings and sys.exit(str(options.warnings))
 sys.exit(('CONFIG_MESHKAL=y' in open('$out/zephyr/config-$answer').read().splitlines()) != ('$answer' == 'y'))"
-    check "Zephyr: module and application, Cortex-M4F, CONFIG_MESHKAL=$answer" sh -c "cmake -S $ports/zephyr -B $out/zephyr/build-$answer $arm '-DCMAKE_C_FLAGS=--specs=picolibc.specs $m4f' \
-        '-DCMAKE_CXX_FLAGS=--specs=picolibc.specs $m4f' '-DCMAKE_EXE_LINKER_FLAGS=$flash' -DCMAKE_EXPORT_COMPILE_COMMANDS=ON -DMODULE=$packages/zephyr/zephyr -DDOTCONFIG=$here/zephyr/config-$answer \
+    check "Zephyr: module and application, Cortex-M4F, CONFIG_MESHKAL=$answer" sh -c "cmake -S $ports/zephyr \
+        -B $out/zephyr/build-$answer $arm '-DCMAKE_C_FLAGS=--specs=picolibc.specs $m4f' \
+        '-DCMAKE_CXX_FLAGS=--specs=picolibc.specs $m4f' '-DCMAKE_EXE_LINKER_FLAGS=$flash' -DMODULE=$packages/zephyr/zephyr -DDOTCONFIG=$here/zephyr/config-$answer \
         -DCONSUMER=$root/tests/package/consumer.c && cmake --build $out/zephyr/build-$answer -j2"
 done
 check "Zephyr: contraction is off in the module and in the application" contraction_off "$out/zephyr/build-y/compile_commands.json" 3

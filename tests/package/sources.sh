@@ -9,7 +9,7 @@ find . -path ./build -prune -o -path ./.git -prune -o -path ./.venv -prune -o -n
 grep -vE '(^|/)LICENSE$|\.(md|json|csv|cbor|rrd|png|svg|txt|gitignore|properties)$|^\.gitignore$' "$out/files" >"$out/sources"
 [ -e .git ] && git ls-files -o --exclude-standard >"$out/untracked" && grep -vxFf "$out/untracked" "$out/sources" >"$out/tracked" && mv "$out/tracked" "$out/sources"
 check "there are sources to look at" test "$(wc -l <"$out/sources")" -gt 100
-check "every source file has its SPDX line" sh -c "while read -r f; do head -n 3 \"\$f\" | grep -qE '^(/\*|//|#) SPDX-License-Identifier: MIT( \*/)?$' || echo \"no SPDX line: \$f\"; done <$out/sources >$out/bare; \
+check "every source file has its SPDX line" sh -c "while read -r f; do head -n 3 \"\$f\" | grep -qE '^(/\*|//|#|;) SPDX-License-Identifier: MIT( \*/)?$' || echo \"no SPDX line: \$f\"; done <$out/sources >$out/bare; \
     test ! -s $out/bare || { cat $out/bare; exit 1; }"
 check "no other licence is named" sh -c "! grep -v 'package/sources.sh' $out/sources | xargs grep -n 'SPDX-License-Identifier' | grep -v 'SPDX-License-Identifier: MIT'"
 check "LICENSE is the MIT licence" sh -c "head -n 1 LICENSE | grep -qx 'MIT License' && grep -q '^Copyright (c) [0-9]* Meshkal contributors$' LICENSE && \
