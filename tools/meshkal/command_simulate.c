@@ -60,7 +60,8 @@ static int set_campaign(mk_campaign_t *c, const arguments_t *a, const mk_scenari
     if (a->arrivals && c->runs != 1) return mk_fail(error, "--runs: recorded arrivals can be run once only");
     if (a->arrivals && a->resume) return mk_fail(error, "--resume: recorded arrivals are one run");
     if (!mk_filter_find(a->filter ? a->filter : "rkfdnu2", &c->filter, error)) return 0;
-    if (a->arrivals && (!c->filter || c->filter->central)) return mk_fail(error, "--arrivals is for one distributed filter; choose one with --filter");
+    if (a->arrivals && (!c->filter || c->filter->central))
+        return mk_fail(error, "--arrivals is for one distributed filter; choose one with --filter");
     if (!c->filter && a->out) return mk_fail(error, "--out: a log holds one filter; choose one with --filter");
     if (s->nodes > UINT16_MAX && (!c->filter || c->filter->central))
         return mk_fail(error, "a centralised filter takes at most %d nodes, not %d", UINT16_MAX, s->nodes);
@@ -174,8 +175,8 @@ int mk_command_simulate(int argc, char **argv, struct mk_team *given) {
                set_campaign(&c, &a, &scenario, team, &error) && open_source(&source, &c, &a, &error) && read_arrivals(&arrivals, &c, &a, &error);
     if (good) identify(identity, sizeof identity, &c, &source);
     (void)snprintf(shares, sizeof shares, "%s data %s arrivals %s filter %s runs %d threads %d split %s out %d json %d resume %d", identity,
-                   source.sha256[0] ? source.sha256 : "drawn", arrivals.sha256[0] ? arrivals.sha256 : "drawn", c.filter ? c.filter->name : "all", c.runs, c.threads, c.split_nodes ? "nodes" : "runs",
-                   a.out != NULL, a.json != NULL, a.resume != NULL);
+                   source.sha256[0] ? source.sha256 : "drawn", arrivals.sha256[0] ? arrivals.sha256 : "drawn", c.filter ? c.filter->name : "all", c.runs,
+                   c.threads, c.split_nodes ? "nodes" : "runs", a.out != NULL, a.json != NULL, a.resume != NULL);
     good = team->agree(team, good, &error) && team->same(team, shares, &error);
     if (good) {
         if (!a.out) mk_scenario_drop_text(&scenario);

@@ -56,8 +56,8 @@ int mk_lan9118_start(const uint8_t address[6]) {
     *at(IRQ_CFG) = 1 << 8 | 1 << 4 | 1; /* on, active high, driven */
     *at(FIFO_INT) = 0;                  /* as soon as one frame has come */
     *at(INT_EN) = 1 << 3;
-    if (!mac_write(ADDRH, (uint32_t)address[4] | (uint32_t)address[5] << 8)) return 0;
-    if (!mac_write(ADDRL, (uint32_t)address[0] | (uint32_t)address[1] << 8 | (uint32_t)address[2] << 16 | (uint32_t)address[3] << 24)) return 0;
+    const uint32_t low = (uint32_t)address[0] | (uint32_t)address[1] << 8 | (uint32_t)address[2] << 16 | (uint32_t)address[3] << 24;
+    if (!mac_write(ADDRL, low) || !mac_write(ADDRH, (uint32_t)address[4] | (uint32_t)address[5] << 8)) return 0;
     *at(TX_CFG) = 1 << 1;
     return mac_write(MAC_CR, 1 << 20 | 1 << 3 | 1 << 2); /* both directions at once, send, receive */
 }

@@ -19,8 +19,8 @@
    not get ready. */
 int mk_lan9118_start(const uint8_t address[6]);
 
-/* Hands a frame of MK_ETHERNET_HEADER to MK_ETHERNET_MAX bytes to the controller, which sends it from its own memory. 1, or 0: it has another length, or
-   there is no room for it now. */
+/* Hands a frame of MK_ETHERNET_HEADER to MK_ETHERNET_MAX bytes to the controller, which sends it from its own memory. 1, or 0: it has
+   another length, or there is no room for it now. */
 int mk_lan9118_send(const uint8_t *frame, size_t length);
 
 /* The next frame received: its length, or 0 if there is none. Damaged frames and frames longer than `room` are dropped. */

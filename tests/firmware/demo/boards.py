@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Emulated boards and their Ethernet cables: one QEMU for each node, its port a pair of unix datagram sockets. The messages are those of link.h."""
+"""Emulated boards and their Ethernet cables: one QEMU for each node, its port a pair of unix datagram sockets. Messages: link.h."""
 import ctypes
 import json
 import pathlib
@@ -66,7 +66,7 @@ class Boards:
         cable = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self.socket.append(cable)
         cable.bind(str(self.room / f"switch{k}"))
-        arguments = [*self.emulator, "-kernel", self.images[k], "-net", f"nic,netdev=cable,model=lan9118,macaddr=02:00:00:00:01:{k:02x}", "-netdev",
+        arguments = [*self.emulator, "-kernel", self.images[k], "-net", "nic,netdev=cable,model=lan9118", "-netdev",
                      f"dgram,id=cable,local.type=unix,local.path={self.room}/node{k},remote.type=unix,remote.path={self.room}/switch{k}"]
         if k in self.resettable:
             arguments += ["-qmp", f"unix:{self.room}/monitor{k},server=on,wait=off"]

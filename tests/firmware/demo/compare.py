@@ -90,7 +90,7 @@ def messages(data):
 
 
 def against_host(k, program, given, sent, limit):
-    """(compared, equal, first difference or None): messages of every life of board k against those of the same node on the host, given the same."""
+    """(compared, equal, first difference or None) of the messages in all lives of board k: the same node on the host is given the same."""
     compared = equal = 0
     first = None
     for life, (inputs, outputs) in enumerate(zip(given, sent)):

@@ -1,6 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: MIT
-# The network of emulated boards: bit for bit the simulator, and what is wrong is found. One line "ok" or "not ok" for each test. Usage: demo.sh BUILD
+# The network of emulated boards: bit for bit the simulator, and what is wrong is found. One line "ok" or "not ok" for each test.
+# Usage: demo.sh BUILD
 build=$1
 out=$build/test-demo
 limit=40 # seconds for one run, which needs about two
@@ -22,7 +23,8 @@ found() { # title, text, folder, options...: must end with status 1 and say so
     shift 2
     demo "$@"
     status=$?
-    if [ $status -eq 1 ] && grep -q "$text" "$out/$1.log"; then echo "ok: $title"; else echo "not ok: $title: exit status $status" && show "$out/$1.log"; fi
+    if [ $status -eq 1 ] && grep -q "$text" "$out/$1.log"; then echo "ok: $title"
+    else echo "not ok: $title: exit status $status" && show "$out/$1.log"; fi
 }
 check() { # title, command...
     title=$1

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * Messages between a node and the switch: kind (1 byte), zero (1), length of the content (2), content. All numbers little-endian. On the boards they travel in
- * Ethernet frames of the local experimental type 0x88b5, to all.
+ * Messages between a node and the switch: kind (1 byte), zero (1), length of the content (2), content. All numbers little-endian. On
+ * the boards they travel in Ethernet frames of the local experimental type 0x88b5, to all.
  *
  *     kind     from      content
  *     FRAME    both      a frame of meshkal/frame.h
  *     HELLO    node      number of the node (2 bytes): it has started
  *     SENSOR   switch    reading, float32, one for each row: a new step begins
  *     END      switch    nothing: the time of the stage is over
- *     REPORT   node      step; counts[MK_STATUS_COUNT], early, caught_up, restarts, unsent; estimate of that step, float32. 4 bytes each
+ *     REPORT   node      step; counts[MK_STATUS_COUNT], early, caught_up, restarts, unsent; estimate of that step, float32: 4 bytes each
  */
 #ifndef DEMO_LINK_H
 #define DEMO_LINK_H

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The air between the nodes: what becomes of each frame on its way to each node. Positions count stages: 2 t for the readings of step t, 2 t + 1 for its
-estimates. The same seed does the same to the same frames."""
+"""The air between the nodes: what becomes of each frame on its way to each node. Positions count stages: 2 t for the readings of
+step t, 2 t + 1 for its estimates. The same seed does the same to the same frames."""
 import random
 from collections import Counter
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ class Copy:
 
 
 class Medium:
-    """neighbours[k]: whom node k hears. arrivals: (t, stage, from, to) of frames that came undamaged and in time, or up to one stage early."""
+    """neighbours[k]: whom node k hears. arrivals: (t, stage, from, to) of frames that came undamaged and in time, or one stage early."""
 
     def __init__(self, neighbours, seed):
         self.neighbours, self.random = neighbours, random.Random(seed)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Runs the nodes: gives them their readings, carries their frames, and is their clock. A stage of a node is over when it has been given all that it is to
-hear in it, and not before: what arrives is decided by the seed, not by how busy the machine is."""
+"""Runs the nodes: gives them their readings, carries their frames, and is their clock. A stage of a node is over when it has been
+given all that it is to hear in it, and not before: what arrives is decided by the seed, not by how busy the machine is."""
 import random
 import struct
 import zlib
@@ -23,8 +23,8 @@ def check_frame(k, position, content):
 
 
 class Network:
-    """readings[t][k]: bytes of float32 numbers. reports[k]: (t, content of the report) for every step that node k has ended. reboot: (node, step) or None:
-    the node is reset in the second stage of that step and takes part again from the next one."""
+    """readings[t][k]: bytes of float32 numbers. reports[k]: (t, content of the report) for every step that node k has ended. reboot:
+    (node, step) or None: the node is reset in the second stage of that step and takes part again from the next one."""
 
     def __init__(self, boards, medium, readings, seed, reboot=None, spoil=None):
         self.boards, self.medium, self.readings, self.reboot, self.spoil = boards, medium, readings, reboot, spoil

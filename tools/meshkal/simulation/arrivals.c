@@ -31,10 +31,12 @@ static int read_row(const mk_scenario_t *s, const mk_csv_t *csv, size_t i, int *
     if (!mk_csv_index(csv, i, 0, "t", 1000000000, t, error) || !mk_csv_index(csv, i, 1, "stage", 1000000000, &stage, error) ||
         !mk_csv_index(csv, i, 2, "from", s->nodes, &from, error) || !mk_csv_index(csv, i, 3, "to", s->nodes, &to, error))
         return 0;
-    if (stage != 1 && stage != 2) return mk_fail(error, "%s:%ld: stage is %d: must be 1 (reading) or 2 (estimate)", csv->path, csv->line[i], stage);
-    if (from == to) return mk_fail(error, "%s:%ld: from and to are node %d: a node always hears itself, leave the line out", csv->path, csv->line[i], to);
+    const char *path = csv->path;
+    const long line = csv->line[i];
+    if (stage != 1 && stage != 2) return mk_fail(error, "%s:%ld: stage is %d: must be 1 (reading) or 2 (estimate)", path, line, stage);
+    if (from == to) return mk_fail(error, "%s:%ld: from and to are node %d: a node always hears itself, leave the line out", path, line, to);
     const int slot = find_slot(s, from, to);
-    if (slot < 0) return mk_fail(error, "%s:%ld: node %d does not hear node %d: the scenario has no edge between them", csv->path, csv->line[i], to, from);
+    if (slot < 0) return mk_fail(error, "%s:%ld: node %d does not hear node %d: the scenario has no edge between them", path, line, to, from);
     *place = 2 * (uint64_t)slot + (uint64_t)(stage - 1);
     return 1;
 }
