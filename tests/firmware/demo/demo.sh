@@ -6,6 +6,10 @@ build=$1
 out=$build/test-demo
 limit=40 # seconds for one run, which needs about two
 rm -rf "$out" && mkdir -p "$out"
+# What a killed demonstration leaves there goes with the folder. Names of sockets are short.
+TMPDIR=$(mktemp -d)
+export TMPDIR
+trap 'rm -rf "$TMPDIR"' EXIT
 
 demo() { # folder, options...: output in folder.log
     folder=$out/$1
@@ -50,6 +54,7 @@ found "a board that ends" "node .: ended with status 1" ends --steps 8 --emulato
 found "a board that says nothing" "node 0: no hello within 1 s" silent --steps 8 --limit 1 --emulator "sh -c 'exec sleep 30'"
 
 # However the demonstration ends, no emulator stays.
+check "ended runs leave no temporary files" rmdir "$TMPDIR" && mkdir "$TMPDIR"
 for signal in TERM KILL; do
     setsid .venv/bin/python tests/firmware/demo --build "$build" --out "$out/$signal" --steps 4000 >"$out/$signal.log" 2>&1 </dev/null &
     leader=$!
