@@ -5,6 +5,7 @@
 dir=$1/firmware
 limit=60 # seconds: an image needs less than two
 
+[ -s "$dir/plan" ] && [ -s "$dir/targets" ] || { echo "not ok: there are no images: make firmware" && exit 1; }
 column() { sed -n "s/^$1|//p" "$dir/targets" | cut -d'|' -f"$2"; } # target, number
 
 while IFS='|' read -r target image arguments status text; do

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A run of meshkal simulate as a C header for network.c: what was measured, what arrived, what every node estimated. Usage: network_data.py LOG HEADER"""
 
 import sys
