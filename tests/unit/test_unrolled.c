@@ -63,7 +63,7 @@ enum { STEPS = 60 };
                                  MK_OK);                                                                                       \
             }                                                                                                                  \
             const mk_rkfd_config_##real##_t config = {n, m, slots, A, Q, r, x0, P0, weight, rows, C, F, S, R_inverse,          \
-                                                      (mk_##real##_t)tolerances[trial]};                                       \
+                                                      (mk_##real##_t)tolerances[trial], NULL};                                 \
             assert_int_equal(name##_shared_start(&a, &config), MK_OK);                                                         \
             assert_int_equal(name##_unrolled_start(&b, &config), MK_OK);                                                       \
             for (int step = 0; step < STEPS; step++) {                                                                         \
