@@ -194,7 +194,7 @@ MK_DECLARE_RKFD_CORE(f64)
         return mk_rkfd_incremental_##real(n, m, slot_count, &view, input);                                                    \
     }
 
-#define MK_RKFD_TYPE(name, real, n, m, slot_count, kernel, step)                                                              \
+#define MK_RKFD_TYPE(name, real, n, m, slot_count, kernel, STEP)                                                              \
     typedef struct {                                                                                                          \
         mk_rkfd_##real##_t core;                                                                                              \
         mk_##real##_t x[n];                 /* estimate */                                                                    \
@@ -230,7 +230,7 @@ MK_DECLARE_RKFD_CORE(f64)
         const mk_rkfd_view_##real##_t view = name##_view(f, 0);                                                               \
         return mk_rkfd_put_##real(n, m, &view, slot, e, 1);                                                                   \
     }                                                                                                                         \
-    step(name, real, n, m, slot_count)                                                                                        \
+    STEP(name, real, n, m, slot_count)                                                                                        \
     MK_INLINE mk_status_t name##_put_estimate(name##_t *f, int slot, const mk_##real##_t *psi) {                              \
         const mk_rkfd_view_##real##_t view = name##_view(f, 0);                                                               \
         return mk_rkfd_put_estimate_##real(n, &view, slot, psi);                                                              \

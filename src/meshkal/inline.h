@@ -12,12 +12,6 @@
 #define MK_KERNEL static inline
 #endif
 
-#if defined(__GNUC__) || defined(__clang__)
-#define MK_OUTLINE static __attribute__((noinline, unused))
-#else
-#define MK_OUTLINE static inline
-#endif
-
 /* gcc unrolls a loop of known count only as far as a size limit that these kernels exceed; clang's own limit suffices. */
 #if defined(__GNUC__) && !defined(__clang__) && !defined(MK_ROLLED)
 #define MK_UNROLL _Pragma("GCC unroll 8")

@@ -188,7 +188,7 @@ static void NAME(silence)(void **unused) {
         const REAL A = (REAL)factors[k % 6], Q = (REAL)0.5, x0 = (REAL)1.0, P0 = (REAL)2.0, weight = (REAL)1.0;
         const REAL C = (REAL)1.0, F = (REAL)1.0, S = (REAL)1.0;
         const uint8_t rows = 1;
-        const TYPE(mk_rkfd_config) config = {1, 1, 1, &A, &Q, NULL, &x0, &P0, &weight, &rows, &C, &F, &S, &S, (REAL)tolerances[k / 6]};
+        const TYPE(mk_rkfd_config) config = {1, 1, 1, &A, &Q, NULL, &x0, &P0, &weight, &rows, &C, &F, &S, &S, (REAL)tolerances[k / 6], NULL};
         TYPE(lone) f;
         int failed = 0;
         memset(&f, 0, sizeof f);

@@ -35,10 +35,10 @@ static int MK_F(put_node)(FILE *out, const char *name, const mk_scenario_t *s, c
     MK_F(mk_config_make)(&config, s, topology, k, tolerance);
     const int n = config.n, m = config.m, slots = config.slots;
     (void)fprintf(out,
-                  "#include <meshkal/unrolled.h>\n\n/* %d states, at most %d rows, %d slots. To save flash: MK_RKFD of <meshkal/rkfd.h>. */\n"
-                  "MK_RKFD_UNROLLED(%s, " MK_REAL_SUFFIX ", %d, %d, %d);\n\n/* Node in each slot: this one, then its neighbours. */\n"
-                  "static const uint%d_t %s_slot[%d] = {",
-                  n, m, slots, name, n, m, slots, s->nodes <= 65536 ? 16 : 32, name, slots);
+                  "#include <meshkal/unrolled.h>\n\n/* %d states, at most %d rows, %d slots. To save flash: MK_NODE of <meshkal/node.h>. */\n"
+                  "MK_NODE_UNROLLED(%s, " MK_REAL_SUFFIX ", %d, %d, %d);\n\n/* Node in each slot: this one, then its neighbours. */\n"
+                  "static const uint16_t %s_slot[%d] = {",
+                  n, m, slots, name, n, m, slots, name, slots);
     for (int l = 0; l < slots; l++) (void)fprintf(out, "%s%d", l ? ", " : "", topology->slot[topology->first[k] + l]);
     (void)fprintf(out, "};\nstatic const uint8_t %s_rows[%d] = {", name, slots);
     for (int l = 0; l < slots; l++) (void)fprintf(out, "%s%d", l ? ", " : "", config.rows[l]);
@@ -57,10 +57,11 @@ static int MK_F(put_node)(FILE *out, const char *name, const mk_scenario_t *s, c
     (void)snprintf(steady_name, sizeof steady_name, "%s_steady", name);
     const int has = close > 0.0 && MK_F(put_steady)(out, name, &config, s, topology, k, tolerance, close, why);
     (void)fprintf(out,
-                  "\nstatic const %s_config_t %s_config = {\n    %d, %d, %d, %s_A, %s_Q, %s_input, %s_x0, %s_P0, %s_weight, %s_rows, %s_C, %s_F, %s_S,\n"
-                  "    %s_R_inverse, %a" MK_REAL_LITERAL " /* tolerance %.9g */, %s%s\n};\n",
+                  "\nstatic const %s_config_t %s_config = {\n    {%d, %d, %d, %s_A, %s_Q, %s_input, %s_x0, %s_P0, %s_weight, %s_rows, %s_C, %s_F, %s_S,\n"
+                  "     %s_R_inverse, %a" MK_REAL_LITERAL " /* tolerance %.9g */, %s%s},\n"
+                  "    %s_slot, 0x%.8s, %d /* steps it makes up for */, MK_NUMBERS_F%d, 0, 0, 0\n};\n",
                   name, name, n, m, slots, name, name, name, name, name, name, name, name, name, name, name, (double)config.tolerance, tolerance,
-                  has ? "&" : "0", has ? steady_name : "");
+                  has ? "&" : "0", has ? steady_name : "", name, s->sha256, MK_CATCH_UP, MK_BITS);
     MK_F(mk_config_free)(&config);
     return has || !(close > 0.0);
 }
