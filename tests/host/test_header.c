@@ -59,10 +59,25 @@ typedef struct {
     mk_status_t (*covariance)(real_t *V);
 } face_t;
 
+/* Before each incremental step of a network with frozen gains the node is switched off and comes back from what it has saved. */
+#ifdef HEADER_FROZEN
+#define REVIVE(name)                                                                                                          \
+    uint8_t blob[name##_blob_max];                                                                                            \
+    const size_t saved = name##_save(&name##_object, blob);                                                                   \
+    memset(&name##_object, 0x55, sizeof name##_object);                                                                       \
+    const mk_status_t status = name##_restore(&name##_object, &name##_config, blob, saved);                                   \
+    if (status != MK_OK) return status;
+#else
+#define REVIVE(name)
+#endif
+
 #define NODE(name)                                                                                                            \
     static name##_t name##_object;                                                                                            \
     static mk_status_t start_##name(void) { return name##_start(&name##_object, &name##_config); }                            \
-    static mk_status_t incremental_##name(void) { return name##_incremental(&name##_object); }                                \
+    static mk_status_t incremental_##name(void) {                                                                             \
+        REVIVE(name)                                                                                                          \
+        return name##_incremental(&name##_object);                                                                            \
+    }                                                                                                                         \
     static mk_status_t diffuse_##name(void) { return name##_diffuse(&name##_object); }                                        \
     static mk_status_t measure_##name(const real_t *y) { return name##_measure(&name##_object, y); }                          \
     static mk_status_t accept_##name(const uint8_t *bytes, size_t size) { return name##_accept(&name##_object, bytes, size); } \
