@@ -28,8 +28,8 @@ int mk_positive_definite_f32(int n, const float *S, float *work);
 int mk_positive_definite_f64(int n, const double *S, double *work);
 /* Normalised innovation squared as (e - C d)' R^-1 (e - C d) + d' W d, d = M b, a sum of squares without cancellation; the largest number
    where it overflows. L as the step's mk_ldl leaves it, b = L^-1 b, which is overwritten. */
-float mk_rkfd_exact_nis_f32(int n, int m, int slots, const mk_rkfd_view_f32_t *view, const float *L, float *b);
-double mk_rkfd_exact_nis_f64(int n, int m, int slots, const mk_rkfd_view_f64_t *view, const double *L, double *b);
+float mk_rkfd_exact_nis_f32(const mk_rkfd_config_f32_t *config, const float *x, const float *W, const float *y, const uint8_t *have_y, const float *L, float *b);
+double mk_rkfd_exact_nis_f64(const mk_rkfd_config_f64_t *config, const double *x, const double *W, const double *y, const uint8_t *have_y, const double *L, double *b);
 #ifdef __cplusplus
 }
 #endif
@@ -44,6 +44,9 @@ double mk_rkfd_exact_nis_f64(int n, int m, int slots, const mk_rkfd_view_f64_t *
 #include "algebra/symmetric.tmpl.h"
 #include "algebra/gamma_root.tmpl.h"
 #include "algebra/gamma_fast.tmpl.h"
+#ifdef MK_NARROW
+#include "filter/rkfd_narrow.tmpl.h"
+#endif
 #include "filter/rkfd_step.tmpl.h"
 #include "network/diffusion.tmpl.h"
 #undef MK_GAMMA_CLOSE
@@ -61,6 +64,9 @@ double mk_rkfd_exact_nis_f64(int n, int m, int slots, const mk_rkfd_view_f64_t *
 #include "algebra/symmetric.tmpl.h"
 #include "algebra/gamma_root.tmpl.h"
 #include "algebra/gamma_fast.tmpl.h"
+#ifdef MK_NARROW
+#include "filter/rkfd_narrow.tmpl.h"
+#endif
 #include "filter/rkfd_step.tmpl.h"
 #include "network/diffusion.tmpl.h"
 #undef MK_GAMMA_CLOSE

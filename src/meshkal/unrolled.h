@@ -7,6 +7,6 @@
 
 #include <meshkal/kernels.h>
 
-#define MK_RKFD_UNROLLED(name, real, n, m, slots) MK_RKFD_TYPE(name, real, n, m, slots, mk_inline_rkfd_)
+#define MK_RKFD_UNROLLED(name, real, n, m, slots) MK_RKFD_TYPE(name, real, n, m, slots, mk_inline_rkfd_, MK_INLINE_RKFD_WORK(n, m))
 
 #endif

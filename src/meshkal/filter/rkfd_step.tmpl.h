@@ -44,7 +44,7 @@ MK_KERNEL mk_status_t MK_F(mk_robust_information)(int n, const MK_REAL *MK_RESTR
     if (robust) {
         int count;
         if (n <= MK_FAST_LARGEST_N) {
-            count = MK_F(mk_gamma_fast_root)(n, &start, L, Z, c, theta);
+            count = MK_F(mk_gamma_fast_root)(n, &start, MK_F(mk_gamma_pivots)(n, L, start.trace), Z, c, theta);
             /* Rarely taken, so out of line and shared by all filters. */
             if (count == 0) count = MK_F(mk_gamma_root)(n, P, c, theta, work);
         } else {
@@ -88,11 +88,53 @@ MK_KERNEL MK_REAL MK_F(mk_rkfd_gather)(int n, int m, const MK_F_T(mk_rkfd_config
     return square;
 }
 
+/* The end of a step that has succeeded. */
+MK_KERNEL void MK_F(mk_rkfd_commit)(int n, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *psi, unsigned used, unsigned rows) {
+    MK_F_T(mk_rkfd) *const core = view->core;
+    MK_UNROLL for (int i = 0; i < n; i++) view->psi[i] = psi[i];
+    view->have_psi[0] = 1;
+    for (int l = 0; l < slots; l++) view->have_y[l] = 0;
+    core->nis_rows = (uint16_t)rows;
+    core->measurements = (uint16_t)used;
+    core->steps_since_measurement = used ? 0 : core->steps_since_measurement + 1;
+    core->faults = (uint16_t)((used < (unsigned)slots ? MK_FAULT_MEASUREMENT_MISSING : 0u) |
+                              (used ? 0u : MK_FAULT_NO_MEASUREMENT) | (core->rejected_now ? MK_FAULT_REJECTED : 0u));
+    core->rejected_now = 0;
+    core->stage = 2;
+}
+
+#ifdef MK_NARROW
+/* mk_inline_rkfd_incremental with the phases of rkfd_narrow.tmpl.h. */
+MK_KERNEL mk_status_t MK_F(mk_narrow_incremental)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *input) {
+    MK_F_T(mk_rkfd) *const core = view->core;
+    MK_REAL *const psi = view->work, *const X = psi + n, *const D = X + n * n, *const P = X;
+    MK_REAL square, theta;
+    unsigned used, rows;
+    int iterations;
+    mk_status_t status = MK_F(mk_narrow_correct)(n, m, slots, view, input ? input : core->config->input, X, D, psi, &square, &used, &rows);
+    if (status != MK_OK) return status;
+    MK_REAL probe = psi[0] * MK_R(0.0);
+    MK_UNROLL for (int i = 1; i < n; i++) probe += psi[i] * MK_R(0.0);
+    if (!(probe == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
+    status = MK_F(mk_narrow_information)(n, P, core->tolerance, view->W, &theta, &iterations, P + MK_AT(n, 0));
+    if (status != MK_OK) return status;
+    core->theta = theta;
+    core->trace_P = MK_F(mk_trace)(n, P);
+    core->nis = square;
+    core->iterations = (uint16_t)iterations;
+    MK_F(mk_rkfd_commit)(n, slots, view, psi, used, rows);
+    return MK_OK;
+}
+#endif
+
 MK_KERNEL mk_status_t MK_F(mk_inline_rkfd_incremental)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view,
                                                        const MK_REAL *input) {
     MK_F_T(mk_rkfd) *const core = view->core;
     const MK_F_T(mk_rkfd_config) *const config = core->config;
     if (core->stage != 1) return MK_ERROR_ORDER;
+#ifdef MK_NARROW
+    if (n <= MK_NARROW_N) return MK_F(mk_narrow_incremental)(n, m, slots, view, input);
+#endif
     const int packed = MK_AT(n, 0);
     MK_REAL *const MK_RESTRICT P = view->work, *const MK_RESTRICT Z = P + packed, *const MK_RESTRICT psi = Z + packed;
     MK_REAL *const MK_RESTRICT b = psi + n, *const MK_RESTRICT e = b + n;
@@ -127,7 +169,7 @@ MK_KERNEL mk_status_t MK_F(mk_inline_rkfd_incremental)(int n, int m, int slots, 
         MK_UNROLL for (int i = 0; i < n; i++) psi[i] += scaled * X[k * n + i];
     }
     /* A prior much wider than the sensors' noise cancels nearly all of it, overflow makes it NaN: then the long way. */
-    if (!(square >= MK_R(1000.0) * MK_EPSILON * nis)) square = MK_F(mk_rkfd_exact_nis)(n, m, slots, view, Y, b);
+    if (!(square >= MK_R(1000.0) * MK_EPSILON * nis)) square = MK_F(mk_rkfd_exact_nis)(config, view->x, view->W, view->y, view->have_y, Y, b);
     MK_REAL probe = psi[0] * MK_R(0.0);
     MK_UNROLL for (int i = 1; i < n; i++) probe += psi[i] * MK_R(0.0);
     if (!(probe == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
@@ -138,19 +180,10 @@ MK_KERNEL mk_status_t MK_F(mk_inline_rkfd_incremental)(int n, int m, int slots, 
     if (status != MK_OK) return status;
 
     MK_F(mk_packed_copy)(n, Z, view->W);
-    MK_UNROLL for (int i = 0; i < n; i++) view->psi[i] = psi[i];
-    view->have_psi[0] = 1;
-    for (int l = 0; l < slots; l++) view->have_y[l] = 0;
     core->theta = theta;
     core->trace_P = MK_F(mk_trace)(n, P);
     core->nis = square;
-    core->nis_rows = (uint16_t)rows;
     core->iterations = (uint16_t)iterations;
-    core->measurements = (uint16_t)used;
-    core->steps_since_measurement = used ? 0 : core->steps_since_measurement + 1;
-    core->faults = (uint16_t)((used < (unsigned)slots ? MK_FAULT_MEASUREMENT_MISSING : 0u) |
-                              (used ? 0u : MK_FAULT_NO_MEASUREMENT) | (core->rejected_now ? MK_FAULT_REJECTED : 0u));
-    core->rejected_now = 0;
-    core->stage = 2;
+    MK_F(mk_rkfd_commit)(n, slots, view, psi, used, rows);
     return MK_OK;
 }

@@ -1,0 +1,131 @@
+/* SPDX-License-Identifier: MIT */
+/* The phases of the robust step for processors without vector registers, n <= MK_NARROW_N: the operations of rkfd_wide.tmpl.h in the
+   same order for each number, so the same bits, but for in-order machines with 32 registers and little memory. Symmetric matrices are
+   local arrays that become registers; loops over rows stay loops, so that code is small; X is kept by columns; the inverse is made in place. */
+
+/* What the reading of one slot adds: b += F e, and e' R^-1 e, which is returned. */
+MK_KERNEL MK_REAL MK_F(mk_narrow_innovation)(int n, int m, const MK_F_T(mk_rkfd_config) * config, int slot, int is_innovation,
+                                             const MK_REAL *MK_RESTRICT x, const MK_REAL *MK_RESTRICT y, MK_REAL *MK_RESTRICT e,
+                                             MK_REAL *MK_RESTRICT b) {
+    const MK_REAL *const MK_RESTRICT C = config->C + slot * m * n, *const MK_RESTRICT F = config->F + slot * m * n;
+    const MK_REAL *const MK_RESTRICT R_inverse = config->R_inverse + slot * MK_AT(m, 0);
+    MK_REAL square = MK_R(0.0);
+    MK_UNROLL for (int r = 0; r < m; r++) {
+        MK_REAL predicted = C[r * n] * x[0];
+        MK_UNROLL for (int j = 1; j < n; j++) predicted += C[r * n + j] * x[j];
+        e[r] = is_innovation ? y[r] : y[r] - predicted;
+    }
+    MK_UNROLL for (int r = 0; r < m; r++) {
+        MK_UNROLL for (int j = 0; j < n; j++) b[j] += e[r] * F[r * n + j];
+    }
+    MK_UNROLL for (int r = 0; r < m; r++) {
+        MK_REAL below = MK_R(0.0);
+        MK_UNROLL for (int s = 0; s < r; s++) below += R_inverse[MK_AT(r, s)] * e[s];
+        square += e[r] * (below + below + R_inverse[MK_AT(r, r)] * e[r]);
+    }
+    return square;
+}
+
+/* psi, P (packed, in X's room: n x n) and *square. D: n numbers of scratch. */
+MK_KERNEL mk_status_t MK_F(mk_narrow_correct)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *r,
+                                              MK_REAL *MK_RESTRICT X, MK_REAL *MK_RESTRICT D, MK_REAL *MK_RESTRICT psi, MK_REAL *square,
+                                              unsigned *used_, unsigned *rows_) {
+    const MK_F_T(mk_rkfd_config) *const config = view->core->config;
+    const int packed = MK_AT(n, 0);
+    MK_REAL b[MK_NARROW_N], x[MK_NARROW_N], L[MK_PACKED(MK_NARROW_N)], P[MK_PACKED(MK_NARROW_N)];
+    MK_REAL nis = MK_R(0.0);
+    unsigned used = 0, rows = 0;
+    MK_UNROLL for (int i = 0; i < n; i++) x[i] = view->x[i];
+    MK_UNROLL for (int i = 0; i < n; i++) b[i] = MK_R(0.0);
+    for (int l = 0; l < slots; l++) {
+        if (!view->have_y[l]) continue;
+        nis += MK_F(mk_narrow_innovation)(n, m, config, l, view->have_y[l] == 2, x, view->y + l * m, D, b);
+        used++;
+        rows += config->rows[l];
+    }
+    *used_ = used;
+    *rows_ = rows;
+    MK_UNROLL_ALL for (int i = 0; i < packed; i++) L[i] = view->W[i];
+    for (int l = 0; l < slots; l++) {
+        if (!view->have_y[l]) continue;
+        const MK_REAL *const S = config->S + l * packed;
+        MK_UNROLL_ALL for (int i = 0; i < packed; i++) L[i] += S[i];
+    }
+    MK_UNROLL for (int i = 0; i < n; i++)
+        if (!MK_F(mk_ldl_row)(i, L)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    MK_F(mk_ldl_forward)(n, 1, L, b);
+    MK_REAL sum = nis;
+    MK_UNROLL for (int k = 0; k < n; k++) {
+        const MK_REAL scaled = L[MK_AT(k, k)] * b[k];
+        sum -= scaled * b[k];
+    }
+    if (!(sum >= MK_R(1000.0) * MK_EPSILON * nis)) {
+        MK_UNROLL_ALL for (int i = 0; i < packed; i++) X[i] = L[i];
+        MK_UNROLL for (int i = 0; i < n; i++) D[i] = b[i];
+        sum = MK_F(mk_rkfd_exact_nis)(config, view->x, view->W, view->y, view->have_y, X, D);
+    }
+    *square = sum;
+    MK_UNROLL for (int k = 0; k < n; k++) {
+        D[k] = L[MK_AT(k, k)];
+        b[k] *= D[k];
+    }
+    for (int i = 0; i < n; i++) {
+        const MK_REAL *const A = config->A + i * n;
+        MK_REAL v[MK_NARROW_N];
+        MK_UNROLL for (int j = 0; j < n; j++) v[j] = A[j];
+        MK_REAL dot = v[0] * view->x[0];
+        MK_UNROLL for (int j = 1; j < n; j++) dot += v[j] * view->x[j];
+        if (r) dot += r[i];
+        MK_UNROLL for (int j = 0; j < n; j++) {
+            MK_UNROLL for (int k = 0; k < j; k++) v[j] -= L[MK_AT(j, k)] * v[k];
+            X[i * n + j] = v[j];
+        }
+        MK_UNROLL for (int k = 0; k < n; k++) dot += b[k] * v[k];
+        psi[i] = dot;
+    }
+    MK_UNROLL_ALL for (int i = 0; i < packed; i++) P[i] = config->Q[i];
+    for (int k = 0; k < n; k++) {
+        MK_REAL v[MK_NARROW_N];
+        MK_UNROLL for (int j = 0; j < n; j++) v[j] = X[j * n + k];
+        MK_UNROLL for (int i = 0; i < n; i++) {
+            const MK_REAL f = D[k] * v[i];
+            MK_UNROLL for (int j = 0; j <= i; j++) P[MK_AT(i, j)] += f * v[j];
+        }
+    }
+    MK_UNROLL_ALL for (int i = 0; i < packed; i++) X[i] = P[i];
+    return MK_OK;
+}
+
+/* As mk_robust_information; writes Z to W, only on success. work: MK_PACKED(n) + 4n */
+MK_KERNEL mk_status_t MK_F(mk_narrow_information)(int n, const MK_REAL *MK_RESTRICT P, MK_REAL c, MK_REAL *MK_RESTRICT W,
+                                                  MK_REAL *theta_, int *iterations, MK_REAL *MK_RESTRICT work) {
+    const int robust = c > MK_R(0.0), packed = MK_AT(n, 0);
+    MK_REAL Z[MK_PACKED(MK_NARROW_N)], theta = MK_R(0.0);
+    MK_F_T(mk_gamma_start) start = {MK_R(0.0), MK_R(0.0), MK_R(0.0), MK_R(0.0), MK_R(0.0), MK_R(0.0)};
+    if (robust) MK_F(mk_gamma_fast_start)(n, P, c, &start);
+    int count = 0;
+    for (;;) {
+        MK_UNROLL_ALL for (int i = 0; i < packed; i++) Z[i] = P[i];
+        MK_UNROLL for (int i = 0; i < n; i++)
+            if (!MK_F(mk_ldl_row)(i, Z)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+        const MK_REAL pivots = MK_F(mk_gamma_pivots)(n, Z, start.trace);
+        MK_F(mk_ldl_invert)(n, Z);
+        if (!robust || count) break;
+        count = MK_F(mk_gamma_fast_root)(n, &start, pivots, Z, c, &theta);
+        if (count) break;
+        count = MK_F(mk_gamma_root)(n, P, c, work, work + 1);
+        if (count == 0) return MK_ERROR_TOLERANCE;
+        theta = work[0];
+    }
+    *iterations = count;
+    *theta_ = theta;
+    MK_UNROLL for (int i = 0; i < n; i++) Z[MK_AT(i, i)] -= theta;
+    const MK_REAL bound = MK_F(mk_trace)(n, P) * (MK_R(1.0) + c), inverse = MK_F(mk_trace)(n, Z) + (MK_REAL)n * theta;
+    if (!(bound * inverse * (MK_REAL)n < MK_R(0.02) / MK_EPSILON && bound < MK_R(0.1) / MK_SMALLEST)) {
+        if (!((bound + inverse) * MK_R(0.0) == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
+        MK_UNROLL_ALL for (int i = 0; i < packed; i++) work[i] = Z[i];
+        if (!MK_F(mk_positive_definite)(n, work, work)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    }
+    MK_UNROLL_ALL for (int i = 0; i < packed; i++) W[i] = Z[i];
+    return MK_OK;
+}
