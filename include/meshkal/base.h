@@ -21,8 +21,10 @@
 /* Functions that a type macro declares: not all of them are used in every translation unit. */
 #if defined(__GNUC__) || defined(__clang__)
 #define MK_INLINE static inline __attribute__((unused))
+#define MK_NOINLINE static __attribute__((noinline, unused))
 #else
 #define MK_INLINE static inline
+#define MK_NOINLINE static inline
 #endif
 
 #ifdef __cplusplus
@@ -41,7 +43,22 @@ typedef enum {
     MK_ERROR_NOT_POSITIVE_DEFINITE, /* a covariance or information matrix has a pivot that is not positive */
     MK_ERROR_TOLERANCE,             /* tolerance negative, not finite, or without a root in this precision */
     MK_ERROR_ORDER,                 /* call out of turn: the header says which call comes first */
-    MK_ERROR_REPEATED               /* the slot has already been filled in this step: the new value was dropped */
+    MK_ERROR_REPEATED,              /* the slot has already been filled in this step: the new value was dropped */
+    /* Why a node refused a frame (meshkal/frame.h, meshkal/node.h), in the order in which a frame is examined. */
+    MK_ERROR_LENGTH,                /* truncated, or longer than its content */
+    MK_ERROR_VERSION,               /* another version of the format */
+    MK_ERROR_TYPE,                  /* stage, number format or flags unknown or not expected from this neighbour */
+    MK_ERROR_CHECKSUM,              /* CRC-32 does not match */
+    MK_ERROR_SECURITY,              /* plain where only sealed frames are taken, or sealed and there is no key */
+    MK_ERROR_MODEL,                 /* made for another model */
+    MK_ERROR_STRANGER,              /* from a node that is not a neighbour */
+    MK_ERROR_REPLAYED,              /* sealed frame that was seen before, or older than the replay window */
+    MK_ERROR_FORGED,                /* the seal does not open */
+    MK_ERROR_LATE,                  /* of a stage that is over */
+    MK_ERROR_AHEAD,                 /* more than one stage ahead of this node */
+    MK_ERROR_IMPLAUSIBLE,           /* information beyond the configured limit */
+    MK_ERROR_GATED,                 /* too far from what the filter expects */
+    MK_STATUS_COUNT
 } mk_status_t;
 
 /* Name of a status, for example "MK_OK"; never null. Static storage. */

@@ -2,6 +2,12 @@
 /* The shared build: every function of the public headers, with dimensions known at run time and loops kept. */
 #define MK_ROLLED
 #include <meshkal/kernels.h>
+#include <meshkal/node.h>
+
+#include "network/frame.h"
+#include "network/numbers.h"
+#include "node/blob.h"
+#include "node/record.h"
 
 const char *mk_status_name(mk_status_t status) {
     switch (status) {
@@ -13,6 +19,20 @@ const char *mk_status_name(mk_status_t status) {
     case MK_ERROR_TOLERANCE: return "MK_ERROR_TOLERANCE";
     case MK_ERROR_ORDER: return "MK_ERROR_ORDER";
     case MK_ERROR_REPEATED: return "MK_ERROR_REPEATED";
+    case MK_ERROR_LENGTH: return "MK_ERROR_LENGTH";
+    case MK_ERROR_VERSION: return "MK_ERROR_VERSION";
+    case MK_ERROR_TYPE: return "MK_ERROR_TYPE";
+    case MK_ERROR_CHECKSUM: return "MK_ERROR_CHECKSUM";
+    case MK_ERROR_SECURITY: return "MK_ERROR_SECURITY";
+    case MK_ERROR_MODEL: return "MK_ERROR_MODEL";
+    case MK_ERROR_STRANGER: return "MK_ERROR_STRANGER";
+    case MK_ERROR_REPLAYED: return "MK_ERROR_REPLAYED";
+    case MK_ERROR_FORGED: return "MK_ERROR_FORGED";
+    case MK_ERROR_LATE: return "MK_ERROR_LATE";
+    case MK_ERROR_AHEAD: return "MK_ERROR_AHEAD";
+    case MK_ERROR_IMPLAUSIBLE: return "MK_ERROR_IMPLAUSIBLE";
+    case MK_ERROR_GATED: return "MK_ERROR_GATED";
+    case MK_STATUS_COUNT: break;
     }
     return "MK_ERROR_UNKNOWN";
 }
@@ -21,10 +41,20 @@ const char *mk_status_name(mk_status_t status) {
 #include "real.h"
 #include "algebra/gamma_shared.tmpl.h"
 #include "filter/rkfd_object.tmpl.h"
+#include "network/numbers.tmpl.h"
+#include "node/record.tmpl.h"
+#include "node/node.tmpl.h"
+#include "node/steps.tmpl.h"
+#include "node/blob.tmpl.h"
 #undef MK_BITS
 
 #define MK_BITS 64
 #include "real.h"
 #include "algebra/gamma_shared.tmpl.h"
 #include "filter/rkfd_object.tmpl.h"
+#include "network/numbers.tmpl.h"
+#include "node/record.tmpl.h"
+#include "node/node.tmpl.h"
+#include "node/steps.tmpl.h"
+#include "node/blob.tmpl.h"
 #undef MK_BITS

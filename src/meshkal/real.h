@@ -4,6 +4,7 @@
 #undef MK_F
 #undef MK_F_T
 #undef MK_REAL
+#undef MK_UINT
 #undef MK_R
 #undef MK_EPSILON
 #undef MK_LARGEST
@@ -12,6 +13,7 @@
 #define MK_F(name) name##_f32
 #define MK_F_T(name) name##_f32_t
 #define MK_REAL float
+#define MK_UINT uint32_t
 #define MK_R(value) value##f
 #define MK_EPSILON FLT_EPSILON
 #define MK_LARGEST FLT_MAX
@@ -20,6 +22,7 @@
 #define MK_F(name) name##_f64
 #define MK_F_T(name) name##_f64_t
 #define MK_REAL double
+#define MK_UINT uint64_t
 #define MK_R(value) value
 #define MK_EPSILON DBL_EPSILON
 #define MK_LARGEST DBL_MAX

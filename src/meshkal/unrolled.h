@@ -6,7 +6,9 @@
 #define MESHKAL_UNROLLED_H
 
 #include <meshkal/kernels.h>
+#include <meshkal/node.h>
 
+#define MK_NODE_UNROLLED(name, real, n, m, slots) MK_NODE_TYPE(name, real, n, m, slots, mk_inline_rkfd_, MK_INLINE_RKFD_WORK(n, m))
 #define MK_RKFD_UNROLLED(name, real, n, m, slots) MK_RKFD_TYPE(name, real, n, m, slots, mk_inline_rkfd_, MK_INLINE_RKFD_WORK(n, m))
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* The promise of `meshkal design --c-header`: the headers of a network, run as firmware runs them, give the simulator's numbers bit
-   for bit. Measurements and arrivals come from a log of `meshkal simulate`.
+/* The promise of `meshkal design --c-header`: the headers of a network, run as firmware runs them, with frames that are lost, repeated
+   and out of order, give the simulator's numbers bit for bit. Measurements and arrivals come from a log of `meshkal simulate`.
 
    Compile with -DHEADER_BITS=32 or 64, -I of six headers node_00.h .. node_05.h and -DHEADER_LOG="path" of a log of their network.
    -DHEADER_SHARED replaces the unrolled kernels by those of libmeshkal.a. */
@@ -18,8 +18,8 @@
 #include <meshkal/unrolled.h>
 
 #ifdef HEADER_SHARED
-#undef MK_RKFD_UNROLLED
-#define MK_RKFD_UNROLLED MK_RKFD
+#undef MK_NODE_UNROLLED
+#define MK_NODE_UNROLLED MK_NODE
 #endif
 
 #include "node_00.h"
@@ -48,22 +48,22 @@ typedef struct {
     const uint16_t *slot;
     const uint8_t *rows;
     const core_t *core;
-    const real_t *x, *psi;
+    const real_t *x;
     mk_status_t (*start)(void), (*incremental)(void), (*diffuse)(void);
-    mk_status_t (*put)(int slot, const real_t *y), (*put_estimate)(int slot, const real_t *psi);
+    mk_status_t (*measure)(const real_t *y), (*accept)(const uint8_t *bytes, size_t length);
+    size_t (*frame)(int stage, uint8_t *bytes);
     mk_status_t (*covariance)(real_t *V);
-} node_t;
+} face_t;
 
 #define NODE(name)                                                                                                            \
     static name##_t name##_object;                                                                                            \
     static mk_status_t start_##name(void) { return name##_start(&name##_object, &name##_config); }                            \
-    static mk_status_t incremental_##name(void) { return name##_incremental(&name##_object, NULL); }                          \
+    static mk_status_t incremental_##name(void) { return name##_incremental(&name##_object); }                                \
     static mk_status_t diffuse_##name(void) { return name##_diffuse(&name##_object); }                                        \
-    static mk_status_t put_##name(int slot, const real_t *y) { return name##_put_measurement(&name##_object, slot, y); }      \
-    static mk_status_t put_estimate_##name(int slot, const real_t *psi) {                                                     \
-        return name##_put_estimate(&name##_object, slot, psi);                                                                \
-    }                                                                                                                         \
-    static mk_status_t covariance_##name(real_t *V) { return name##_covariance(&name##_object, V); }
+    static mk_status_t measure_##name(const real_t *y) { return name##_measure(&name##_object, y); }                          \
+    static mk_status_t accept_##name(const uint8_t *bytes, size_t size) { return name##_accept(&name##_object, bytes, size); } \
+    static size_t frame_##name(int stage, uint8_t *bytes) { return name##_frame(&name##_object, stage, bytes); }              \
+    static mk_status_t covariance_##name(real_t *V) { return name##_filter_covariance(&name##_object.filter, V); }
 
 NODE(node00)
 NODE(node01)
@@ -74,12 +74,12 @@ NODE(node05)
 
 #define FACE(name)                                                                                                            \
     {                                                                                                                         \
-        (int)(sizeof name##_slot / sizeof name##_slot[0]), (int)(sizeof name##_object.x / sizeof(real_t)),                    \
-            (int)(sizeof name##_object.y / sizeof(real_t) / (sizeof name##_slot / sizeof name##_slot[0])), name##_slot,       \
-            name##_rows, &name##_object.core, name##_object.x, name##_object.psi, start_##name, incremental_##name,           \
-            diffuse_##name, put_##name, put_estimate_##name, covariance_##name                                                \
+        (int)(sizeof name##_slot / sizeof name##_slot[0]), (int)(sizeof name##_object.filter.x / sizeof(real_t)),             \
+            (int)(sizeof name##_object.filter.y / sizeof(real_t) / (sizeof name##_slot / sizeof name##_slot[0])), name##_slot, \
+            name##_rows, &name##_object.filter.core, name##_object.filter.x, start_##name, incremental_##name,                \
+            diffuse_##name, measure_##name, accept_##name, frame_##name, covariance_##name                                    \
     }
-static const node_t node[NODES] = {FACE(node00), FACE(node01), FACE(node02), FACE(node03), FACE(node04), FACE(node05)};
+static const face_t node[NODES] = {FACE(node00), FACE(node01), FACE(node02), FACE(node03), FACE(node04), FACE(node05)};
 
 /* --- the log ------------------------------------------------------------------------------------------------------------ */
 
@@ -149,6 +149,24 @@ static void same_network(void **unused) {
     cbor_decref(&header);
 }
 
+/* What arrived, as frames. The radio keeps no order: every other step backwards; every third frame comes twice. */
+static int exchange(int t, int stage, const uint8_t *arrived) {
+    uint8_t bytes[NODES][MK_FRAME_PLAIN + LARGEST * sizeof(real_t)];
+    size_t size[NODES];
+    int lost = 0;
+    for (int k = 0; k < NODES; k++) size[k] = node[k].frame(stage, bytes[k]);
+    for (int k = 0; k < NODES; k++) {
+        for (int i = 1; i < node[k].slots; i++) {
+            const int l = t % 2 ? node[k].slots - i : i, from = node[k].slot[l];
+            if (arrived[slots_before(k) + l]) assert_int_equal(node[k].accept(bytes[from], size[from]), MK_OK);
+            else lost++;
+            if (arrived[slots_before(k) + l] && (t + l) % 3 == 0)
+                assert_int_equal(node[k].accept(bytes[from], size[from]), MK_ERROR_REPEATED);
+        }
+    }
+    return lost;
+}
+
 /* Every number that a node tells, before and after each step, as bytes: 0.0 and -0.0 differ too. */
 static void same_bits(void **unused) {
     (void)unused;
@@ -184,25 +202,15 @@ static void same_bits(void **unused) {
             assert_int_equal(node[k].covariance(V), MK_OK);
             for (int i = 0; i < (int)n; i++) sum += V[MK_PACKED(i) + i];
             assert_memory_equal(&sum, &trace[k], sizeof sum);
-            for (int i = 0; i < node[k].slots; i++) {
-                /* The radio keeps no order: every other step backwards. */
-                const int l = t % 2 ? node[k].slots - 1 - i : i;
-                /* Beyond a sensor's own rows anything may stand. */
-                real_t reading[LARGEST];
-                for (int r = 0; r < node[k].rows_most; r++)
-                    reading[r] = r < node[k].rows[l] ? (real_t)y[first_row[node[k].slot[l]] + r] : (real_t)NAN;
-                if (have_y[slots_before(k) + l]) assert_int_equal(node[k].put(l, reading), MK_OK);
-                else lost++;
-            }
-            assert_int_equal(node[k].incremental(), MK_OK);
+            /* Beyond a sensor's own rows anything may stand. */
+            real_t reading[LARGEST];
+            for (int r = 0; r < node[k].rows_most; r++)
+                reading[r] = r < node[k].rows[0] ? (real_t)y[first_row[k] + r] : (real_t)NAN;
+            if (have_y[slots_before(k)]) assert_int_equal(node[k].measure(reading), MK_OK);
         }
-        for (int k = 0; k < NODES; k++) {
-            for (int i = 1; i < node[k].slots; i++) {
-                const int l = t % 2 ? node[k].slots - i : i;
-                if (have_psi[slots_before(k) + l]) assert_int_equal(node[k].put_estimate(l, node[node[k].slot[l]].psi), MK_OK);
-                else lost++;
-            }
-        }
+        lost += exchange(t, MK_STAGE_MEASUREMENT, have_y);
+        for (int k = 0; k < NODES; k++) assert_int_equal(node[k].incremental(), MK_OK);
+        lost += exchange(t, MK_STAGE_ESTIMATE, have_psi);
         for (int k = 0; k < NODES; k++) {
             assert_int_equal(node[k].diffuse(), MK_OK);
             assert_memory_equal(&node[k].core->theta, &theta[k], sizeof theta[k]);

@@ -12,10 +12,10 @@ static void MK_F(put_node)(FILE *out, const char *name, const mk_scenario_t *s, 
     MK_F(mk_config_make)(&config, s, topology, k, tolerance);
     const int n = config.n, m = config.m, slots = config.slots;
     (void)fprintf(out,
-                  "#include <meshkal/unrolled.h>\n\n/* %d states, at most %d rows, %d slots. To save flash: MK_RKFD of <meshkal/rkfd.h>. */\n"
-                  "MK_RKFD_UNROLLED(%s, " MK_REAL_SUFFIX ", %d, %d, %d);\n\n/* Node in each slot: this one, then its neighbours. */\n"
-                  "static const uint%d_t %s_slot[%d] = {",
-                  n, m, slots, name, n, m, slots, s->nodes <= 65536 ? 16 : 32, name, slots);
+                  "#include <meshkal/unrolled.h>\n\n/* %d states, at most %d rows, %d slots. To save flash: MK_NODE of <meshkal/node.h>. */\n"
+                  "MK_NODE_UNROLLED(%s, " MK_REAL_SUFFIX ", %d, %d, %d);\n\n/* Node in each slot: this one, then its neighbours. */\n"
+                  "static const uint16_t %s_slot[%d] = {",
+                  n, m, slots, name, n, m, slots, name, slots);
     for (int l = 0; l < slots; l++) (void)fprintf(out, "%s%d", l ? ", " : "", topology->slot[topology->first[k] + l]);
     (void)fprintf(out, "};\nstatic const uint8_t %s_rows[%d] = {", name, slots);
     for (int l = 0; l < slots; l++) (void)fprintf(out, "%s%d", l ? ", " : "", config.rows[l]);
@@ -31,8 +31,10 @@ static void MK_F(put_node)(FILE *out, const char *name, const mk_scenario_t *s, 
     MK_F(put_array)(out, name, "S", "S_l = F_l C_l, packed, for each slot", config.S, slots * MK_PACKED(n), n);
     MK_F(put_array)(out, name, "R_inverse", "R_l^-1, packed, for each slot", config.R_inverse, slots * MK_PACKED(m), MK_PACKED(m));
     (void)fprintf(out,
-                  "\nstatic const %s_config_t %s_config = {\n    %d, %d, %d, %s_A, %s_Q, %s_input, %s_x0, %s_P0, %s_weight, %s_rows, %s_C, %s_F, %s_S,\n"
-                  "    %s_R_inverse, %a" MK_REAL_LITERAL " /* tolerance %.9g */\n};\n",
-                  name, name, n, m, slots, name, name, name, name, name, name, name, name, name, name, name, (double)config.tolerance, tolerance);
+                  "\nstatic const %s_config_t %s_config = {\n    {%d, %d, %d, %s_A, %s_Q, %s_input, %s_x0, %s_P0, %s_weight, %s_rows, %s_C, %s_F, %s_S,\n"
+                  "     %s_R_inverse, %a" MK_REAL_LITERAL " /* tolerance %.9g */},\n"
+                  "    %s_slot, 0x%.8s, %d /* steps it makes up for */, MK_NUMBERS_F%d, 0, 0, 0\n};\n",
+                  name, name, n, m, slots, name, name, name, name, name, name, name, name, name, name, name, (double)config.tolerance, tolerance,
+                  name, s->sha256, MK_CATCH_UP, MK_BITS);
     MK_F(mk_config_free)(&config);
 }

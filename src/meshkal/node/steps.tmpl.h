@@ -1,0 +1,150 @@
+/* SPDX-License-Identifier: MIT */
+/* The node's part of the steps: gates before them, the count of steps and the way back from being behind after them. */
+
+/* e' E^-1 e of a reading, the largest number where it cannot be had. */
+static MK_REAL MK_F(mk_node_distance)(int n, int m, const MK_F_T(mk_node_view) * view, int slot) {
+    const int rows = view->filter.core->config->rows[slot];
+    MK_REAL *const e = view->filter.work + MK_RKFD_PREDICT_WORK(n, m), *const E = e + m;
+    if (MK_F(mk_rkfd_predict)(n, m, &view->filter, slot, e, E) != MK_OK || !MK_F(mk_ldl)(rows, E)) return MK_LARGEST;
+    MK_F(mk_ldl_forward)(rows, 1, E, e);
+    MK_REAL sum = MK_R(0.0);
+    for (int r = 0; r < rows; r++) sum += e[r] * e[r] * E[MK_AT(r, r)];
+    return sum <= MK_LARGEST ? sum : MK_LARGEST;
+}
+
+void MK_F(mk_node_judge_readings)(int n, int m, int slots, const MK_F_T(mk_node_view) * view) {
+    MK_F_T(mk_node) *const node = view->node;
+    const MK_F_T(mk_rkfd_view) *const filter = &view->filter;
+    const MK_F_T(mk_node_gate) *const gate = node->config->gate;
+    node->gated = 0;
+    if (filter->core->stage != 1) return;
+    int judged = 0, refused = 0;
+    for (int l = 0; l < slots; l++) {
+        if (!filter->have_y[l] || !(gate->reading[l] > MK_R(0.0)) || filter->core->config->rows[l] == 0) continue;
+        judged++;
+        if (MK_F(mk_node_distance)(n, m, view, l) <= gate->reading[l]) continue;
+        refused++;
+        filter->have_y[l] |= 4; /* until all have been judged */
+    }
+    node->gated_steps = 2 * refused > judged ? (uint16_t)(node->gated_steps + 1) : judged ? 0 : node->gated_steps;
+    const int back = gate->patience && node->gated_steps > gate->patience &&
+                     MK_F(mk_invert)(n, filter->core->config->P0, filter->W, filter->work) == MK_OK;
+    for (int l = 0; l < slots; l++) {
+        if (!(filter->have_y[l] & 4)) continue;
+        filter->have_y[l] = back ? filter->have_y[l] & 3 : 0;
+    }
+    if (back) {
+        node->gated_steps = 0;
+        node->reinitialised++;
+    } else {
+        node->gated = (uint16_t)refused;
+        node->counts[MK_ERROR_GATED] += (uint32_t)refused;
+    }
+}
+
+void MK_F(mk_node_judge_estimates)(int n, int slots, const MK_F_T(mk_node_view) * view) {
+    const MK_F_T(mk_rkfd_view) *const filter = &view->filter;
+    const MK_REAL limit = view->node->config->gate->estimate;
+    if (filter->core->stage != 2 || !(limit > MK_R(0.0))) return;
+    for (int l = 1; l < slots; l++) {
+        if (!filter->have_psi[l]) continue;
+        const MK_REAL *const psi = filter->psi + l * n;
+        MK_REAL sum = MK_R(0.0);
+        for (int i = 0; i < n; i++)
+            for (int j = 0; j < n; j++)
+                sum += (psi[i] - filter->psi[i]) * filter->W[i > j ? MK_AT(i, j) : MK_AT(j, i)] * (psi[j] - filter->psi[j]);
+        if (sum <= limit) continue;
+        filter->have_psi[l] = 0;
+        view->node->gated++;
+        view->node->counts[MK_ERROR_GATED]++;
+    }
+}
+
+void MK_F(mk_node_end_step)(int slots, const MK_F_T(mk_node_view) * view) {
+    MK_F_T(mk_node) *const node = view->node;
+    const uint32_t step = ++node->step;
+    uint32_t least = 0;
+    int heard = 0, ahead = 0;
+    for (int l = 1; l < slots; l++) {
+        const uint32_t lead = view->heard[l] - step;
+        heard += view->seen[l] != 0;
+        if (view->seen[l] == 2 && lead > 0 && lead < 0x80000000u) {
+            if (ahead == 0 || lead < least) least = lead;
+            ahead++;
+        }
+        view->seen[l] = 0;
+    }
+    node->behind = 2 * ahead > heard ? least : 0;
+}
+
+mk_status_t MK_F(mk_node_begin_advance)(int n, int slots, const MK_F_T(mk_node_view) * view, uint32_t step) {
+    MK_F_T(mk_node) *const node = view->node;
+    if (!node->config || view->filter.core->stage != 1) return MK_ERROR_ORDER;
+    const uint32_t steps = step - node->step;
+    if (steps == 0 || steps >= 0x80000000u) return MK_ERROR_ARGUMENT;
+    node->behind = 0;
+    if (steps <= node->config->catch_up) {
+        node->caught_up += steps;
+        return MK_OK;
+    }
+    const mk_status_t status = MK_F(mk_rkfd_restart)(n, slots, &view->filter, node->config->filter.x0, node->config->filter.P0);
+    if (status != MK_OK) return status;
+    node->step = step;
+    node->restarts++;
+    return MK_OK;
+}
+
+/* --- the same as the typed functions of meshkal/node.h, for run-time dimensions -------------------------------------------- */
+
+static mk_status_t MK_F(mk_node_run_incremental)(int n, int m, int slots, const MK_F_T(mk_node_view) * view, const MK_REAL *input) {
+    if (view->node->config && view->node->config->gate) MK_F(mk_node_judge_readings)(n, m, slots, view);
+    return MK_F(mk_rkfd_incremental)(n, m, slots, &view->filter, input);
+}
+
+static mk_status_t MK_F(mk_node_run_diffuse)(int n, int slots, const MK_F_T(mk_node_view) * view) {
+    if (view->node->config && view->node->config->gate) MK_F(mk_node_judge_estimates)(n, slots, view);
+    const mk_status_t status = MK_F(mk_rkfd_diffuse)(n, slots, &view->filter);
+    if (status == MK_OK) MK_F(mk_node_end_step)(slots, view);
+    return status;
+}
+
+static mk_status_t MK_F(mk_node_run_advance)(int n, int m, int slots, const MK_F_T(mk_node_view) * view, uint32_t step) {
+    mk_status_t status = MK_F(mk_node_begin_advance)(n, slots, view, step);
+    while (status == MK_OK && view->node->step != step) {
+        status = MK_F(mk_node_run_incremental)(n, m, slots, view, 0);
+        if (status == MK_OK) status = MK_F(mk_node_run_diffuse)(n, slots, view);
+    }
+    return status;
+}
+
+mk_status_t MK_F(mk_node_incremental)(int n, int m, int slots, const MK_F_T(mk_node_view) * view, const MK_REAL *input) {
+    const mk_status_t status = MK_F(mk_node_run_incremental)(n, m, slots, view, input);
+    MK_F(mk_node_note)(n, view, MK_ITEM_INCREMENTAL, status, 0, input);
+    return status;
+}
+
+mk_status_t MK_F(mk_node_diffuse)(int n, int m, int slots, const MK_F_T(mk_node_view) * view) {
+    mk_status_t status = MK_F(mk_node_run_diffuse)(n, slots, view);
+    if (status == MK_OK && view->node->behind) status = MK_F(mk_node_run_advance)(n, m, slots, view, view->node->step + view->node->behind);
+    MK_F(mk_node_note)(n, view, MK_ITEM_DIFFUSE, status, 0, 0);
+    return status;
+}
+
+mk_status_t MK_F(mk_node_advance)(int n, int m, int slots, const MK_F_T(mk_node_view) * view, uint32_t step) {
+    const mk_status_t status = MK_F(mk_node_run_advance)(n, m, slots, view, step);
+    MK_F(mk_node_note)(n, view, MK_ITEM_ADVANCE, status, step, 0);
+    return status;
+}
+
+mk_status_t MK_F(mk_node_set_tolerance)(const MK_F_T(mk_node_view) * view, MK_REAL tolerance) {
+    if (!view->node->config) return MK_ERROR_ORDER;
+    const mk_status_t status = MK_F(mk_rkfd_set_tolerance)(view->filter.core, tolerance);
+    if (view->node->recorder) MK_F(mk_note_numbers)(view, MK_ITEM_TOLERANCE, status, 1, &tolerance);
+    return status;
+}
+
+mk_status_t MK_F(mk_node_restart)(int n, int slots, const MK_F_T(mk_node_view) * view, const MK_REAL *x0, const MK_REAL *P0) {
+    const mk_status_t status = MK_F(mk_rkfd_restart)(n, slots, &view->filter, x0, P0);
+    if (view->node->recorder && x0 && P0) MK_F(mk_note_restart)(n, view, status, x0, P0);
+    return status;
+}
