@@ -173,10 +173,10 @@ MK_DECLARE_NODE_CORE(f64)
  * name_record(node, recorder)  Empties the recorder and begins a record with the state; null ends it. LENGTH: does not fit.
  *                              Cost: copying and a CRC of every item.
  */
-#define MK_NODE(name, real, n, m, slots) MK_NODE_TYPE(name, real, n, m, slots, mk_rkfd_, MK_RKFD_WORK(n, m))
+#define MK_NODE(name, real, n, m, slots) MK_NODE_TYPE(name, real, n, m, slots, mk_rkfd_, MK_RKFD_STEP)
 
-#define MK_NODE_TYPE(name, real, n, m, slot_count, kernel, step_work)                                                         \
-    MK_RKFD_TYPE(name##_filter, real, n, m, slot_count, kernel, step_work);                                                   \
+#define MK_NODE_TYPE(name, real, n, m, slot_count, kernel, step_macro)                                                        \
+    MK_RKFD_TYPE(name##_filter, real, n, m, slot_count, kernel, step_macro);                                                  \
     typedef struct {                                                                                                          \
         name##_filter_t filter;                                                                                               \
         mk_node_##real##_t node;                                                                                              \

@@ -45,6 +45,18 @@ extern "C" {
 #define MK_FAULT_NO_MEASUREMENT 8u      /* no slot had a measurement */
 
 #define MK_DECLARE_RKFD_CORE(real)                                                                                            \
+    /* The limit of the recursion with every reading at every step and the configuration's tolerance (spec 1.4), in which the \
+       gain is constant: psi = Phi x + r + sum G_l y_l. Arrays may be const, in flash. `meshkal design --frozen` writes it. */\
+    typedef struct {                                                                                                          \
+        const mk_##real##_t *Phi; /* n x n by columns: A - sum G_l C_l */                                                     \
+        const mk_##real##_t *G;   /* slots x m x n: G_l = A M F_l by columns */                                               \
+        const mk_##real##_t *W;   /* packed n: the limit of W, positive definite */                                           \
+        mk_##real##_t theta;      /* of the limit */                                                                          \
+        mk_##real##_t trace_P;                                                                                                \
+        mk_##real##_t close;      /* > 0: W has arrived where |W_ij - limit| <= close sqrt(W_ii W_jj), W of the limit */      \
+        uint16_t period;          /* >= 1: steps in a row with this gain, then a full one looks after nis and W */            \
+    } mk_rkfd_steady_##real##_t;                                                                                              \
+                                                                                                                              \
     /* Configuration: dimensions and the caller's arrays, which must outlive the filter. All may be const, in flash. A caller \
        whose C_l and R_l vary keeps C, F, S, R_inverse in RAM and rewrites a sensor with mk_rkfd_sensor before its step.      \
        Matrices are in row order; "packed" is MK_PACKED(n) numbers in the order of MK_PACKED. Sensors with fewer than m rows  \
@@ -63,6 +75,7 @@ extern "C" {
         const mk_##real##_t *S;         /* slots x packed n: C' R^-1 C */                                                     \
         const mk_##real##_t *R_inverse; /* slots x packed m */                                                                \
         mk_##real##_t tolerance;        /* c >= 0 */                                                                          \
+        const mk_rkfd_steady_##real##_t *steady; /* lets the filter freeze its gain; null: it never does */                   \
     } mk_rkfd_config_##real##_t;                                                                                              \
                                                                                                                               \
     /* What every filter has, whatever its dimensions; first member `core` of every filter type. Read, do not write. */       \
@@ -81,6 +94,8 @@ extern "C" {
         uint16_t faults;                    /* MK_FAULT_ bits of the last step */                                             \
         uint8_t stage;                      /* 0: before start, 1: incremental comes next, 2: diffuse comes next */           \
         uint8_t rejected_now;               /* an input was refused since the last incremental step */                        \
+        uint16_t steady;                    /* so many steps with all readings will take the steady gain, then a full one */  \
+        uint8_t frozen;                     /* 1: the last incremental step took the steady gain */                           \
     } mk_rkfd_##real##_t;                                                                                                     \
                                                                                                                               \
     /* Where the parts of one filter object are; made on the fly by the typed functions. */                                   \
@@ -155,9 +170,16 @@ MK_DECLARE_RKFD_CORE(f64)
  *                              ORDER afterwards; ARGUMENT if the slot is empty; NOT_FINITE: overflow, e and E are then undefined.
  *                              Entries beyond the sensor's rows: 0.
  */
-#define MK_RKFD(name, real, n, m, slots) MK_RKFD_TYPE(name, real, n, m, slots, mk_rkfd_, MK_RKFD_WORK(n, m))
+#define MK_RKFD(name, real, n, m, slots) MK_RKFD_TYPE(name, real, n, m, slots, mk_rkfd_, MK_RKFD_STEP)
 
-#define MK_RKFD_TYPE(name, real, n, m, slot_count, kernel, step_work)                                                         \
+#define MK_RKFD_STEP(name, real, n, m, slot_count)                                                                            \
+    MK_INLINE mk_status_t name##_incremental(name##_t *f, const mk_##real##_t *input) {                                       \
+        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                               \
+        const mk_rkfd_view_##real##_t view = name##_view(f, work);                                                            \
+        return mk_rkfd_incremental_##real(n, m, slot_count, &view, input);                                                    \
+    }
+
+#define MK_RKFD_TYPE(name, real, n, m, slot_count, kernel, step)                                                              \
     typedef struct {                                                                                                          \
         mk_rkfd_##real##_t core;                                                                                              \
         mk_##real##_t x[n];                 /* estimate */                                                                    \
@@ -193,11 +215,7 @@ MK_DECLARE_RKFD_CORE(f64)
         const mk_rkfd_view_##real##_t view = name##_view(f, 0);                                                               \
         return mk_rkfd_put_##real(n, m, &view, slot, e, 1);                                                                   \
     }                                                                                                                         \
-    MK_INLINE mk_status_t name##_incremental(name##_t *f, const mk_##real##_t *input) {                                       \
-        mk_##real##_t work[step_work];                                                                                        \
-        const mk_rkfd_view_##real##_t view = name##_view(f, work);                                                            \
-        return kernel##incremental_##real(n, m, slot_count, &view, input);                                                    \
-    }                                                                                                                         \
+    step(name, real, n, m, slot_count)                                                                                        \
     MK_INLINE mk_status_t name##_put_estimate(name##_t *f, int slot, const mk_##real##_t *psi) {                              \
         const mk_rkfd_view_##real##_t view = name##_view(f, 0);                                                               \
         return mk_rkfd_put_estimate_##real(n, &view, slot, psi);                                                              \

@@ -12,6 +12,12 @@
 #define MK_KERNEL static inline
 #endif
 
+#if defined(__GNUC__) || defined(__clang__)
+#define MK_OUTLINE static __attribute__((noinline, unused))
+#else
+#define MK_OUTLINE static inline
+#endif
+
 /* gcc unrolls a loop of known count only as far as a size limit that these kernels exceed; clang's own limit suffices. */
 #if defined(__GNUC__) && !defined(__clang__) && !defined(MK_ROLLED)
 #define MK_UNROLL _Pragma("GCC unroll 8")
@@ -54,6 +60,12 @@
 #define MK_INLINE_RKFD_WORK(n, m) ((n) <= MK_NARROW_N ? MK_NARROW_WORK(n, m) : MK_RKFD_WORK(n, m))
 #else
 #define MK_INLINE_RKFD_WORK(n, m) MK_RKFD_WORK(n, m)
+#endif
+
+/* Arm cores with a single-precision unit but without vectors load several of its registers at once; clang knows. */
+#if defined(__GNUC__) && !defined(__clang__) && !defined(MK_ROLLED) && defined(__thumb2__) && defined(__ARM_FP) && !defined(__SOFTFP__) && \
+    !defined(__ARM_NEON)
+#define MK_LOAD_MULTIPLE
 #endif
 
 /* Place of element (i, j), j <= i, of a packed symmetric matrix. */

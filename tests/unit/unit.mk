@@ -7,7 +7,7 @@ BUILD ?= build
 CFLAGS ?= -O2
 
 UNIT_DIR := tests/unit
-UNIT_TESTS := gamma step network unrolled narrow contract limits silence float32
+UNIT_TESTS := gamma step frozen network unrolled narrow contract limits silence float32
 UNIT_HELPERS := reference generator node
 UNIT_LIBS := -lcmocka -llapacke -llapack -lblas -lm
 UNIT_NUMERIC := -Iinclude -Isrc -ffp-contract=off

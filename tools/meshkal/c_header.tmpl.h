@@ -32,7 +32,7 @@ static void MK_F(put_node)(FILE *out, const char *name, const mk_scenario_t *s, 
     MK_F(put_array)(out, name, "R_inverse", "R_l^-1, packed, for each slot", config.R_inverse, slots * MK_PACKED(m), MK_PACKED(m));
     (void)fprintf(out,
                   "\nstatic const %s_config_t %s_config = {\n    {%d, %d, %d, %s_A, %s_Q, %s_input, %s_x0, %s_P0, %s_weight, %s_rows, %s_C, %s_F, %s_S,\n"
-                  "     %s_R_inverse, %a" MK_REAL_LITERAL " /* tolerance %.9g */},\n"
+                  "     %s_R_inverse, %a" MK_REAL_LITERAL " /* tolerance %.9g */, 0},\n"
                   "    %s_slot, 0x%.8s, %d /* steps it makes up for */, MK_NUMBERS_F%d, 0, 0, 0\n};\n",
                   name, name, n, m, slots, name, name, name, name, name, name, name, name, name, name, name, (double)config.tolerance, tolerance,
                   name, s->sha256, MK_CATCH_UP, MK_BITS);

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /* The public functions of <meshkal/gamma.h>. */
 
+MK_REAL MK_F(mk_log_gap_far)(MK_REAL t) { return t - MK_F(mk_log)(MK_R(1.0) + t); }
+
 int MK_F(mk_positive_definite)(int n, const MK_REAL *S, MK_REAL *work) {
     for (int i = 0; i < MK_AT(n, 0); i++) work[i] = S[i];
     return MK_F(mk_ldl)(n, work);

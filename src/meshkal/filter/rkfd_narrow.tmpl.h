@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* The phases of the robust step for processors without vector registers, n <= MK_NARROW_N: the operations of rkfd_wide.tmpl.h in the
+/* The phases of the robust step for processors without vector registers, n <= MK_NARROW_N: the operations of rkfd_step.tmpl.h in the
    same order for each number, so the same bits, but for in-order machines with 32 registers and little memory. Symmetric matrices are
    local arrays that become registers; loops over rows stay loops, so that code is small; X is kept by columns; the inverse is made in place. */
 
@@ -96,7 +96,8 @@ MK_KERNEL mk_status_t MK_F(mk_narrow_correct)(int n, int m, int slots, const MK_
     return MK_OK;
 }
 
-/* As mk_robust_information; writes Z to W, only on success. work: MK_PACKED(n) + 4n */
+/* As mk_robust_information, but Z goes to W, on success only. work: 1 + MK_GAMMA_WORK(n) numbers: the exact root needs the room of Z, which is then
+   made again. */
 MK_KERNEL mk_status_t MK_F(mk_narrow_information)(int n, const MK_REAL *MK_RESTRICT P, MK_REAL c, MK_REAL *MK_RESTRICT W,
                                                   MK_REAL *theta_, int *iterations, MK_REAL *MK_RESTRICT work) {
     const int robust = c > MK_R(0.0), packed = MK_AT(n, 0);

@@ -104,7 +104,7 @@ MK_KERNEL void MK_F(mk_rkfd_commit)(int n, int slots, const MK_F_T(mk_rkfd_view)
 }
 
 #ifdef MK_NARROW
-/* mk_inline_rkfd_incremental with the phases of rkfd_narrow.tmpl.h. */
+/* mk_rkfd_robust with the phases of rkfd_narrow.tmpl.h. */
 MK_KERNEL mk_status_t MK_F(mk_narrow_incremental)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *input) {
     MK_F_T(mk_rkfd) *const core = view->core;
     MK_REAL *const psi = view->work, *const X = psi + n, *const D = X + n * n, *const P = X;
@@ -127,8 +127,7 @@ MK_KERNEL mk_status_t MK_F(mk_narrow_incremental)(int n, int m, int slots, const
 }
 #endif
 
-MK_KERNEL mk_status_t MK_F(mk_inline_rkfd_incremental)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view,
-                                                       const MK_REAL *input) {
+MK_KERNEL mk_status_t MK_F(mk_rkfd_robust)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *input) {
     MK_F_T(mk_rkfd) *const core = view->core;
     const MK_F_T(mk_rkfd_config) *const config = core->config;
     if (core->stage != 1) return MK_ERROR_ORDER;
