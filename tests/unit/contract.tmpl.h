@@ -260,4 +260,3 @@ static void NAME(tolerance_and_queries)(void **unused) {
     assert_true(fabs((double)V[0] - 2.0) < 1e-5 && fabs((double)V[1] - 0.5) < 1e-5 && fabs((double)V[2] - 1.0) < 1e-5);
 }
 
-#undef SPOILS

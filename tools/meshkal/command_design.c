@@ -18,7 +18,7 @@
 
 typedef struct {
     const char *json, *c_header, *real, *per_step, *tolerance, *c_max, *threads;
-    int allow_unobservable, covariances;
+    int allow_unobservable, covariances, frozen;
 } arguments_t;
 
 static int check_observability(mk_design_results_t *r, int allow, mk_error_t *error) {
@@ -85,6 +85,7 @@ static int check_arguments(mk_design_results_t *r, const arguments_t *a, double 
     r->threads = (int)threads;
     if (a->real && strcmp(a->real, "float32") != 0 && strcmp(a->real, "float64") != 0)
         return mk_fail(error, "--real %s: must be float32 or float64", a->real);
+    if (a->frozen && !a->c_header) return mk_fail(error, "--frozen goes with --c-header");
     return !a->per_step || a->json || mk_fail(error, "--per-step goes with --json");
 }
 
@@ -121,6 +122,7 @@ int mk_command_design(int argc, char **argv) {
                                    {"c-max", &a.c_max, NULL},
                                    {"threads", &a.threads, NULL},
                                    {"covariances", NULL, &a.covariances},
+                                   {"frozen", NULL, &a.frozen},
                                    {"allow-unobservable", NULL, &a.allow_unobservable},
                                    {NULL, NULL, NULL}};
     const double begin = mk_seconds();
@@ -133,7 +135,7 @@ int mk_command_design(int argc, char **argv) {
     int status = a.json && !mk_open_output(&file, a.json, &error) ? MK_EXIT_INPUT : 0;
     const int opened = a.json && !status;
     if (!status && !design(&r, &a, &error)) status = MK_EXIT_INPUT;
-    if (!status && a.c_header && !mk_write_headers(a.c_header, a.real ? a.real : "float64", &scenario, &r.design, &error))
+    if (!status && a.c_header && !mk_write_headers(a.c_header, a.real ? a.real : "float64", &scenario, &r.design, a.frozen, stderr, &error))
         status = MK_EXIT_FAILED;
     if (opened) {
         mk_error_t file_error;
