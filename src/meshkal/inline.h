@@ -18,6 +18,13 @@
 #define MK_OUTLINE static inline
 #endif
 
+/* Inlined in the shared build, too: for parts of one large function, whose frames would otherwise add up on the stack. */
+#if defined(__GNUC__) || defined(__clang__)
+#define MK_PART static inline __attribute__((always_inline, unused))
+#else
+#define MK_PART static inline
+#endif
+
 /* gcc unrolls a loop of known count only as far as a size limit that these kernels exceed; clang's own limit suffices. */
 #if defined(__GNUC__) && !defined(__clang__) && !defined(MK_ROLLED)
 #define MK_UNROLL _Pragma("GCC unroll 8")

@@ -26,6 +26,9 @@ extern "C" {
 /* Out of line in libmeshkal.a, for what steps do rarely. Is S positive definite: work MK_PACKED(n) numbers. */
 int mk_positive_definite_f32(int n, const float *S, float *work);
 int mk_positive_definite_f64(int n, const double *S, double *work);
+/* mk_gamma_root for P that is known to be positive definite. */
+int mk_gamma_search_f32(int n, const float *P, float c, float *theta, float *work);
+int mk_gamma_search_f64(int n, const double *P, double c, double *theta, double *work);
 /* t - log(1 + t), t > 0.5. */
 float mk_log_gap_far_f32(float t);
 double mk_log_gap_far_f64(double t);

@@ -96,37 +96,40 @@ MK_KERNEL mk_status_t MK_F(mk_narrow_correct)(int n, int m, int slots, const MK_
     return MK_OK;
 }
 
-/* As mk_robust_information, but Z goes to W, on success only. work: 1 + MK_GAMMA_WORK(n) numbers: the exact root needs the room of Z, which is then
-   made again. */
-MK_KERNEL mk_status_t MK_F(mk_narrow_information)(int n, const MK_REAL *MK_RESTRICT P, MK_REAL c, MK_REAL *MK_RESTRICT W,
-                                                  MK_REAL *theta_, int *iterations, MK_REAL *MK_RESTRICT work) {
+/* As mk_robust_information, with trace P; Z goes to W, on success only. P is spoilt. work: 1 + MK_GAMMA_WORK(n) numbers: the exact root needs the
+   room of Z, which is then made again. */
+MK_KERNEL mk_status_t MK_F(mk_narrow_information)(int n, MK_REAL *MK_RESTRICT P, MK_REAL c, MK_REAL *MK_RESTRICT W, MK_REAL *theta_,
+                                                  MK_REAL *trace_P, int *iterations, MK_REAL *MK_RESTRICT work) {
     const int robust = c > MK_R(0.0), packed = MK_AT(n, 0);
-    MK_REAL Z[MK_PACKED(MK_NARROW_N)], theta = MK_R(0.0);
+    MK_REAL *const Z = work, theta = MK_R(0.0);
     MK_F_T(mk_gamma_start) start = {MK_R(0.0), MK_R(0.0), MK_R(0.0), MK_R(0.0), MK_R(0.0), MK_R(0.0)};
     if (robust) MK_F(mk_gamma_fast_start)(n, P, c, &start);
     int count = 0;
     for (;;) {
-        MK_UNROLL_ALL for (int i = 0; i < packed; i++) Z[i] = P[i];
+        MK_REAL L[MK_PACKED(MK_NARROW_N)];
+        MK_UNROLL_ALL for (int i = 0; i < packed; i++) L[i] = P[i];
         MK_UNROLL for (int i = 0; i < n; i++)
-            if (!MK_F(mk_ldl_row)(i, Z)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
-        const MK_REAL pivots = MK_F(mk_gamma_pivots)(n, Z, start.trace);
-        MK_F(mk_ldl_invert)(n, Z);
+            if (!MK_F(mk_ldl_row)(i, L)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+        const MK_REAL pivots = MK_F(mk_gamma_pivots)(n, L, start.trace);
+        MK_F(mk_ldl_invert)(n, L);
+        MK_UNROLL_ALL for (int i = 0; i < packed; i++) Z[i] = L[i];
         if (!robust || count) break;
         count = MK_F(mk_gamma_fast_root)(n, &start, pivots, Z, c, &theta);
         if (count) break;
-        count = MK_F(mk_gamma_root)(n, P, c, work, work + 1);
+        count = MK_F(mk_gamma_search)(n, P, c, work, work + 1);
         if (count == 0) return MK_ERROR_TOLERANCE;
         theta = work[0];
     }
     *iterations = count;
     *theta_ = theta;
     MK_UNROLL for (int i = 0; i < n; i++) Z[MK_AT(i, i)] -= theta;
-    const MK_REAL bound = MK_F(mk_trace)(n, P) * (MK_R(1.0) + c), inverse = MK_F(mk_trace)(n, Z) + (MK_REAL)n * theta;
+    *trace_P = MK_F(mk_trace)(n, P);
+    const MK_REAL bound = *trace_P * (MK_R(1.0) + c), inverse = MK_F(mk_trace)(n, Z) + (MK_REAL)n * theta;
     if (!(bound * inverse * (MK_REAL)n < MK_R(0.02) / MK_EPSILON && bound < MK_R(0.1) / MK_SMALLEST)) {
         if (!((bound + inverse) * MK_R(0.0) == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
-        MK_UNROLL_ALL for (int i = 0; i < packed; i++) work[i] = Z[i];
-        if (!MK_F(mk_positive_definite)(n, work, work)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+        if (!MK_F(mk_positive_definite)(n, Z, P)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
     }
-    MK_UNROLL_ALL for (int i = 0; i < packed; i++) W[i] = Z[i];
+    /* By rows: so short that compilers move several words at once instead of calling memcpy. */
+    MK_UNROLL for (int i = 0; i < n; i++) memcpy(W + MK_AT(i, 0), Z + MK_AT(i, 0), (size_t)(i + 1) * sizeof *W);
     return MK_OK;
 }

@@ -46,7 +46,7 @@ MK_KERNEL mk_status_t MK_F(mk_robust_information)(int n, const MK_REAL *MK_RESTR
         if (n <= MK_FAST_LARGEST_N) {
             count = MK_F(mk_gamma_fast_root)(n, &start, MK_F(mk_gamma_pivots)(n, L, start.trace), Z, c, theta);
             /* Rarely taken, so out of line and shared by all filters. */
-            if (count == 0) count = MK_F(mk_gamma_root)(n, P, c, theta, work);
+            if (count == 0) count = MK_F(mk_gamma_search)(n, P, c, theta, work);
         } else {
             count = MK_F(mk_inline_gamma_root)(n, P, c, theta, work);
         }
@@ -108,7 +108,7 @@ MK_KERNEL void MK_F(mk_rkfd_commit)(int n, int slots, const MK_F_T(mk_rkfd_view)
 MK_KERNEL mk_status_t MK_F(mk_narrow_incremental)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *input) {
     MK_F_T(mk_rkfd) *const core = view->core;
     MK_REAL *const psi = view->work, *const X = psi + n, *const D = X + n * n, *const P = X;
-    MK_REAL square, theta;
+    MK_REAL square, theta, trace_P;
     unsigned used, rows;
     int iterations;
     mk_status_t status = MK_F(mk_narrow_correct)(n, m, slots, view, input ? input : core->config->input, X, D, psi, &square, &used, &rows);
@@ -116,10 +116,10 @@ MK_KERNEL mk_status_t MK_F(mk_narrow_incremental)(int n, int m, int slots, const
     MK_REAL probe = psi[0] * MK_R(0.0);
     MK_UNROLL for (int i = 1; i < n; i++) probe += psi[i] * MK_R(0.0);
     if (!(probe == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
-    status = MK_F(mk_narrow_information)(n, P, core->tolerance, view->W, &theta, &iterations, P + MK_AT(n, 0));
+    status = MK_F(mk_narrow_information)(n, P, core->tolerance, view->W, &theta, &trace_P, &iterations, P + MK_AT(n, 0));
     if (status != MK_OK) return status;
     core->theta = theta;
-    core->trace_P = MK_F(mk_trace)(n, P);
+    core->trace_P = trace_P;
     core->nis = square;
     core->iterations = (uint16_t)iterations;
     MK_F(mk_rkfd_commit)(n, slots, view, psi, used, rows);
