@@ -59,16 +59,6 @@
 #define MK_NARROW
 #endif
 
-/* Scratch numbers of the unrolled step: psi, then X and D, in whose room P, theta and the work of the root search follow. */
-#define MK_NARROW_WORK(n, m) \
-    ((n) + MK_MORE((n) * (n) + MK_MORE(n, m), MK_PACKED(n) + 1 + MK_GAMMA_WORK(n)))
-#define MK_MORE(a, b) ((a) > (b) ? (a) : (b))
-#ifdef MK_NARROW
-#define MK_INLINE_RKFD_WORK(n, m) ((n) <= MK_NARROW_N ? MK_NARROW_WORK(n, m) : MK_RKFD_WORK(n, m))
-#else
-#define MK_INLINE_RKFD_WORK(n, m) MK_RKFD_WORK(n, m)
-#endif
-
 /* Arm cores with a single-precision unit but without vectors load several of its registers at once; clang knows. */
 #if defined(__GNUC__) && !defined(__clang__) && !defined(MK_ROLLED) && defined(__thumb2__) && defined(__ARM_FP) && !defined(__SOFTFP__) && \
     !defined(__ARM_NEON)

@@ -38,6 +38,11 @@ float mk_rkfd_exact_nis_f32(const mk_rkfd_config_f32_t *config, const float *x, 
                             const uint8_t *have_y, const float *L, float *b);
 double mk_rkfd_exact_nis_f64(const mk_rkfd_config_f64_t *config, const double *x, const double *W, const double *y,
                             const uint8_t *have_y, const double *L, double *b);
+/* The same with L and b made anew; work: MK_PACKED(n) + n + m numbers. */
+float mk_rkfd_exact_nis_anew_f32(const mk_rkfd_config_f32_t *config, const float *x, const float *W, const float *y, const uint8_t *have_y,
+                                 float *work);
+double mk_rkfd_exact_nis_anew_f64(const mk_rkfd_config_f64_t *config, const double *x, const double *W, const double *y, const uint8_t *have_y,
+                                  double *work);
 /* After a full step, complete or not, of a filter that has a steady part: core->steady says whether W has arrived; it is then put to the limit.
    work: n numbers. */
 void mk_rkfd_settle_f32(int n, int complete, mk_rkfd_f32_t *core, float *W, float *work);
@@ -57,10 +62,10 @@ void mk_rkfd_settle_f64(int n, int complete, mk_rkfd_f64_t *core, double *W, dou
 #include "algebra/symmetric.tmpl.h"
 #include "algebra/gamma_root.tmpl.h"
 #include "algebra/gamma_fast.tmpl.h"
+#include "filter/rkfd_step.tmpl.h"
 #ifdef MK_NARROW
 #include "filter/rkfd_narrow.tmpl.h"
 #endif
-#include "filter/rkfd_step.tmpl.h"
 #include "filter/rkfd_frozen.tmpl.h"
 #include "network/diffusion.tmpl.h"
 #undef MK_GAMMA_CLOSE
@@ -79,10 +84,10 @@ void mk_rkfd_settle_f64(int n, int complete, mk_rkfd_f64_t *core, double *W, dou
 #include "algebra/symmetric.tmpl.h"
 #include "algebra/gamma_root.tmpl.h"
 #include "algebra/gamma_fast.tmpl.h"
+#include "filter/rkfd_step.tmpl.h"
 #ifdef MK_NARROW
 #include "filter/rkfd_narrow.tmpl.h"
 #endif
-#include "filter/rkfd_step.tmpl.h"
 #include "filter/rkfd_frozen.tmpl.h"
 #include "network/diffusion.tmpl.h"
 #undef MK_GAMMA_CLOSE

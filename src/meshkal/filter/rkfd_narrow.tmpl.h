@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* The phases of the robust step for processors without vector registers, n <= MK_NARROW_N: the operations of rkfd_step.tmpl.h in the
+/* The robust step in phases for processors without vector registers, n <= MK_NARROW_N: the operations of rkfd_step.tmpl.h in the
    same order for each number, so the same bits, but for in-order machines with 32 registers and little memory. Symmetric matrices are
    local arrays that become registers; loops over rows stay loops, so that code is small; X is kept by columns; the inverse is made in place. */
 
@@ -26,11 +26,23 @@ MK_KERNEL MK_REAL MK_F(mk_narrow_innovation)(int n, int m, const MK_F_T(mk_rkfd_
     return square;
 }
 
-/* psi, P (packed, in X's room: n x n) and *square. D: n numbers of scratch. */
-MK_KERNEL mk_status_t MK_F(mk_narrow_correct)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *r,
-                                              MK_REAL *MK_RESTRICT X, MK_REAL *MK_RESTRICT D, MK_REAL *MK_RESTRICT psi, MK_REAL *square,
-                                              unsigned *used_, unsigned *rows_) {
+/* What the phases find out for each other and for the object. */
+typedef struct {
+    MK_REAL nis, theta, trace_P;
+    unsigned used, rows;
+    int iterations; /* 0: theta is not known */
+    int cancelled;  /* nis is to be had from mk_rkfd_exact_nis */
+} MK_F_T(mk_narrow);
+
+/* What mk_narrow_information says when only the exact search finds theta. Not one of mk_status_t. */
+#define MK_NARROW_SEARCH (-1)
+
+/* First phase: psi, P (packed), nis, used and rows. Scratch: X n x n, D the larger of n and m. */
+MK_KERNEL mk_status_t MK_F(mk_narrow_correct)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *input,
+                                              MK_REAL *MK_RESTRICT X, MK_REAL *MK_RESTRICT D, MK_REAL *MK_RESTRICT psi,
+                                              MK_REAL *MK_RESTRICT P_, MK_F_T(mk_narrow) * done) {
     const MK_F_T(mk_rkfd_config) *const config = view->core->config;
+    const MK_REAL *const r = input ? input : config->input;
     const int packed = MK_AT(n, 0);
     MK_REAL b[MK_NARROW_N], x[MK_NARROW_N], L[MK_PACKED(MK_NARROW_N)], P[MK_PACKED(MK_NARROW_N)];
     MK_REAL nis = MK_R(0.0);
@@ -43,8 +55,8 @@ MK_KERNEL mk_status_t MK_F(mk_narrow_correct)(int n, int m, int slots, const MK_
         used++;
         rows += config->rows[l];
     }
-    *used_ = used;
-    *rows_ = rows;
+    done->used = used;
+    done->rows = rows;
     MK_UNROLL_ALL for (int i = 0; i < packed; i++) L[i] = view->W[i];
     for (int l = 0; l < slots; l++) {
         if (!view->have_y[l]) continue;
@@ -59,12 +71,8 @@ MK_KERNEL mk_status_t MK_F(mk_narrow_correct)(int n, int m, int slots, const MK_
         const MK_REAL scaled = L[MK_AT(k, k)] * b[k];
         sum -= scaled * b[k];
     }
-    if (!(sum >= MK_R(1000.0) * MK_EPSILON * nis)) {
-        MK_UNROLL_ALL for (int i = 0; i < packed; i++) X[i] = L[i];
-        MK_UNROLL for (int i = 0; i < n; i++) D[i] = b[i];
-        sum = MK_F(mk_rkfd_exact_nis)(config, view->x, view->W, view->y, view->have_y, X, D);
-    }
-    *square = sum;
+    done->cancelled = !(sum >= MK_R(1000.0) * MK_EPSILON * nis);
+    done->nis = sum;
     MK_UNROLL for (int k = 0; k < n; k++) {
         D[k] = L[MK_AT(k, k)];
         b[k] *= D[k];
@@ -92,39 +100,35 @@ MK_KERNEL mk_status_t MK_F(mk_narrow_correct)(int n, int m, int slots, const MK_
             MK_UNROLL for (int j = 0; j <= i; j++) P[MK_AT(i, j)] += f * v[j];
         }
     }
-    MK_UNROLL_ALL for (int i = 0; i < packed; i++) X[i] = P[i];
-    return MK_OK;
+    MK_UNROLL_ALL for (int i = 0; i < packed; i++) P_[i] = P[i];
+    MK_REAL probe = psi[0] * MK_R(0.0);
+    MK_UNROLL for (int i = 1; i < n; i++) probe += psi[i] * MK_R(0.0);
+    return probe == MK_R(0.0) ? MK_OK : MK_ERROR_NOT_FINITE;
 }
 
-/* As mk_robust_information, with trace P; Z goes to W, on success only. P is spoilt. work: 1 + MK_GAMMA_WORK(n) numbers: the exact root needs the
-   room of Z, which is then made again. */
-MK_KERNEL mk_status_t MK_F(mk_narrow_information)(int n, MK_REAL *MK_RESTRICT P, MK_REAL c, MK_REAL *MK_RESTRICT W, MK_REAL *theta_,
-                                                  MK_REAL *trace_P, int *iterations, MK_REAL *MK_RESTRICT work) {
-    const int robust = c > MK_R(0.0), packed = MK_AT(n, 0);
-    MK_REAL *const Z = work, theta = MK_R(0.0);
+/* Second phase, as mk_robust_information: theta, its iterations and trace P, and Z to W on success. MK_NARROW_SEARCH: nothing is
+   written, and to be called again with theta and iterations. P is spoilt otherwise. Scratch: Z packed. */
+MK_KERNEL int MK_F(mk_narrow_information)(int n, MK_REAL *MK_RESTRICT P, MK_REAL c, MK_REAL *MK_RESTRICT Z, MK_REAL *MK_RESTRICT W,
+                                          MK_F_T(mk_narrow) * done) {
+    const int search = c > MK_R(0.0) && !done->iterations, packed = MK_AT(n, 0);
+    MK_REAL L[MK_PACKED(MK_NARROW_N)], theta = done->theta;
     MK_F_T(mk_gamma_start) start = {MK_R(0.0), MK_R(0.0), MK_R(0.0), MK_R(0.0), MK_R(0.0), MK_R(0.0)};
-    if (robust) MK_F(mk_gamma_fast_start)(n, P, c, &start);
-    int count = 0;
-    for (;;) {
-        MK_REAL L[MK_PACKED(MK_NARROW_N)];
-        MK_UNROLL_ALL for (int i = 0; i < packed; i++) L[i] = P[i];
-        MK_UNROLL for (int i = 0; i < n; i++)
-            if (!MK_F(mk_ldl_row)(i, L)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
-        const MK_REAL pivots = MK_F(mk_gamma_pivots)(n, L, start.trace);
-        MK_F(mk_ldl_invert)(n, L);
-        MK_UNROLL_ALL for (int i = 0; i < packed; i++) Z[i] = L[i];
-        if (!robust || count) break;
-        count = MK_F(mk_gamma_fast_root)(n, &start, pivots, Z, c, &theta);
-        if (count) break;
-        count = MK_F(mk_gamma_search)(n, P, c, work, work + 1);
-        if (count == 0) return MK_ERROR_TOLERANCE;
-        theta = work[0];
+    if (search) MK_F(mk_gamma_fast_start)(n, P, c, &start);
+    MK_UNROLL_ALL for (int i = 0; i < packed; i++) L[i] = P[i];
+    MK_UNROLL for (int i = 0; i < n; i++)
+        if (!MK_F(mk_ldl_row)(i, L)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    const MK_REAL pivots = MK_F(mk_gamma_pivots)(n, L, start.trace);
+    MK_F(mk_ldl_invert)(n, L);
+    MK_UNROLL_ALL for (int i = 0; i < packed; i++) Z[i] = L[i];
+    if (search) {
+        const int count = MK_F(mk_gamma_fast_root)(n, &start, pivots, Z, c, &theta);
+        if (count == 0) return MK_NARROW_SEARCH;
+        done->iterations = count;
+        done->theta = theta;
     }
-    *iterations = count;
-    *theta_ = theta;
     MK_UNROLL for (int i = 0; i < n; i++) Z[MK_AT(i, i)] -= theta;
-    *trace_P = MK_F(mk_trace)(n, P);
-    const MK_REAL bound = *trace_P * (MK_R(1.0) + c), inverse = MK_F(mk_trace)(n, Z) + (MK_REAL)n * theta;
+    done->trace_P = MK_F(mk_trace)(n, P);
+    const MK_REAL bound = done->trace_P * (MK_R(1.0) + c), inverse = MK_F(mk_trace)(n, Z) + (MK_REAL)n * theta;
     if (!(bound * inverse * (MK_REAL)n < MK_R(0.02) / MK_EPSILON && bound < MK_R(0.1) / MK_SMALLEST)) {
         if (!((bound + inverse) * MK_R(0.0) == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
         if (!MK_F(mk_positive_definite)(n, Z, P)) return MK_ERROR_NOT_POSITIVE_DEFINITE;

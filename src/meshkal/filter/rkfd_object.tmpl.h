@@ -221,8 +221,8 @@ static MK_REAL MK_F(mk_rkfd_residual)(int n, const MK_REAL *C, int is_innovation
     return (y - predicted) - corrected;
 }
 
-MK_REAL MK_F(mk_rkfd_exact_nis)(const MK_F_T(mk_rkfd_config) * config, const MK_REAL *x, const MK_REAL *W, const MK_REAL *y,
-                                const uint8_t *have_y, const MK_REAL *L, MK_REAL *b) {
+MK_PART MK_REAL MK_F(mk_rkfd_squares)(const MK_F_T(mk_rkfd_config) * config, const MK_REAL *x, const MK_REAL *W, const MK_REAL *y,
+                                      const uint8_t *have_y, const MK_REAL *L, MK_REAL *b) {
     const int n = config->n, m = config->m;
     MK_REAL sum = MK_R(0.0);
     /* d = L^-T D^-1 b, from the last row up. */
@@ -241,4 +241,22 @@ MK_REAL MK_F(mk_rkfd_exact_nis)(const MK_F_T(mk_rkfd_config) * config, const MK_
                        MK_F(mk_rkfd_residual)(n, C + s * n, have_y[l] == 2, y[l * m + s], x, b);
     }
     return sum >= MK_R(0.0) && sum * MK_R(0.0) == MK_R(0.0) ? sum : MK_LARGEST;
+}
+
+MK_REAL MK_F(mk_rkfd_exact_nis)(const MK_F_T(mk_rkfd_config) * config, const MK_REAL *x, const MK_REAL *W, const MK_REAL *y,
+                                const uint8_t *have_y, const MK_REAL *L, MK_REAL *b) {
+    return MK_F(mk_rkfd_squares)(config, x, W, y, have_y, L, b);
+}
+
+MK_REAL MK_F(mk_rkfd_exact_nis_anew)(const MK_F_T(mk_rkfd_config) * config, const MK_REAL *x, const MK_REAL *W, const MK_REAL *y,
+                                     const uint8_t *have_y, MK_REAL *work) {
+    const int n = config->n, m = config->m;
+    MK_REAL *const L = work, *const b = L + MK_AT(n, 0), *const e = b + n;
+    for (int i = 0; i < MK_AT(n, 0); i++) L[i] = W[i];
+    for (int i = 0; i < n; i++) b[i] = MK_R(0.0);
+    for (int l = 0; l < config->slots; l++)
+        if (have_y[l]) (void)MK_F(mk_rkfd_gather)(n, m, config, l, have_y[l] == 2, x, y + l * m, e, L, b);
+    (void)MK_F(mk_ldl)(n, L); /* positive definite: the step has seen it */
+    MK_F(mk_ldl_forward)(n, 1, L, b);
+    return MK_F(mk_rkfd_squares)(config, x, W, y, have_y, L, b);
 }

@@ -89,8 +89,13 @@ MK_KERNEL MK_REAL MK_F(mk_rkfd_gather)(int n, int m, const MK_F_T(mk_rkfd_config
 }
 
 /* The end of a step that has succeeded. */
-MK_KERNEL void MK_F(mk_rkfd_commit)(int n, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *psi, unsigned used, unsigned rows) {
+MK_KERNEL void MK_F(mk_rkfd_commit)(int n, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *psi, MK_REAL theta,
+                                    MK_REAL trace_P, int iterations, MK_REAL nis, unsigned used, unsigned rows) {
     MK_F_T(mk_rkfd) *const core = view->core;
+    core->theta = theta;
+    core->trace_P = trace_P;
+    core->nis = nis;
+    core->iterations = (uint16_t)iterations;
     MK_UNROLL for (int i = 0; i < n; i++) view->psi[i] = psi[i];
     view->have_psi[0] = 1;
     for (int l = 0; l < slots; l++) view->have_y[l] = 0;
@@ -103,37 +108,10 @@ MK_KERNEL void MK_F(mk_rkfd_commit)(int n, int slots, const MK_F_T(mk_rkfd_view)
     core->stage = 2;
 }
 
-#ifdef MK_NARROW
-/* mk_rkfd_robust with the phases of rkfd_narrow.tmpl.h. */
-MK_KERNEL mk_status_t MK_F(mk_narrow_incremental)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *input) {
-    MK_F_T(mk_rkfd) *const core = view->core;
-    MK_REAL *const psi = view->work, *const X = psi + n, *const D = X + n * n, *const P = X;
-    MK_REAL square, theta, trace_P;
-    unsigned used, rows;
-    int iterations;
-    mk_status_t status = MK_F(mk_narrow_correct)(n, m, slots, view, input ? input : core->config->input, X, D, psi, &square, &used, &rows);
-    if (status != MK_OK) return status;
-    MK_REAL probe = psi[0] * MK_R(0.0);
-    MK_UNROLL for (int i = 1; i < n; i++) probe += psi[i] * MK_R(0.0);
-    if (!(probe == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
-    status = MK_F(mk_narrow_information)(n, P, core->tolerance, view->W, &theta, &trace_P, &iterations, P + MK_AT(n, 0));
-    if (status != MK_OK) return status;
-    core->theta = theta;
-    core->trace_P = trace_P;
-    core->nis = square;
-    core->iterations = (uint16_t)iterations;
-    MK_F(mk_rkfd_commit)(n, slots, view, psi, used, rows);
-    return MK_OK;
-}
-#endif
-
 MK_KERNEL mk_status_t MK_F(mk_rkfd_robust)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *input) {
     MK_F_T(mk_rkfd) *const core = view->core;
     const MK_F_T(mk_rkfd_config) *const config = core->config;
     if (core->stage != 1) return MK_ERROR_ORDER;
-#ifdef MK_NARROW
-    if (n <= MK_NARROW_N) return MK_F(mk_narrow_incremental)(n, m, slots, view, input);
-#endif
     const int packed = MK_AT(n, 0);
     MK_REAL *const MK_RESTRICT P = view->work, *const MK_RESTRICT Z = P + packed, *const MK_RESTRICT psi = Z + packed;
     MK_REAL *const MK_RESTRICT b = psi + n, *const MK_RESTRICT e = b + n;
@@ -179,10 +157,6 @@ MK_KERNEL mk_status_t MK_F(mk_rkfd_robust)(int n, int m, int slots, const MK_F_T
     if (status != MK_OK) return status;
 
     MK_F(mk_packed_copy)(n, Z, view->W);
-    core->theta = theta;
-    core->trace_P = MK_F(mk_trace)(n, P);
-    core->nis = square;
-    core->iterations = (uint16_t)iterations;
-    MK_F(mk_rkfd_commit)(n, slots, view, psi, used, rows);
+    MK_F(mk_rkfd_commit)(n, slots, view, psi, theta, MK_F(mk_trace)(n, P), iterations, square, used, rows);
     return MK_OK;
 }
