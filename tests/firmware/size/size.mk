@@ -13,6 +13,7 @@ SIZE_FLOAT32 := 4-1-4-f32-unrolled 6-2-8-f32-unrolled 9-3-8-f32-shared 17-8-1-f3
 SIZE_FLOAT64 := 4-1-4-f64-unrolled 6-2-8-f64-unrolled 9-3-8-f64-shared 17-8-1-f64-shared
 $(foreach t,$(FIRMWARE_TARGETS),$(eval SIZE_SHAPES_$(t) := $(SIZE_FLOAT32)))
 SIZE_SHAPES_m7 += $(SIZE_FLOAT64)
+SIZE_SHAPES_m0 += 6-2-8-f32-shared
 SIZE_SHAPES_m4f += 4-1-4-f32-shared 6-2-8-f32-shared 9-3-8-f32-unrolled
 
 size_word = $(word $(2),$(subst -, ,$(1)))
