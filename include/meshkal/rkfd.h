@@ -22,6 +22,20 @@
  * Tolerance c, in the unit of spec 1.2: TWICE the Kullback-Leibler divergence in nats. c stored in the configuration is RKFDNU2,
  * set before each step RKFDNU, zero KFD: one code path.
  *
+ * Frozen gain. With every reading at every step and one tolerance, W converges, and the gain with it (spec 1.4). A configuration that holds
+ * this limit (`steady`) lets the filter save the covariances: while W is at its limit, an incremental step with readings in all slots is
+ *
+ *     psi = Phi x + r + sum G_l y_l,     W, theta and P those of the limit.
+ *
+ * The filter enters this mode by itself, after a full step with all readings and the configuration's tolerance that has brought W close
+ * to the limit: W is then put there, so the mode has the same bits however it was reached. Any other step is a full one: a reading missing or
+ * given as innovation, another tolerance (set_tolerance), restart; it starts from W of the limit, and the filter comes back by itself. So
+ * the slowest step is still the full one: what is saved is energy. A frozen step has no nis (nis_rows 0, nis 0: the long way costs more than
+ * all the rest); after `period` of them one is full, which tells nis and looks whether W still belongs to this limit. `close` is how much of
+ * the information may be neglected on entering: small values wait long after every loss, with large ones W says more than is known; over
+ * random models the estimates were within 20 `close` standard deviations of those of a filter that never freezes. No steady part where A, C
+ * or R change.
+ *
  * Memory is the caller's, nothing is allocated; objects have no pointers into themselves and may be moved or copied between
  * calls. No function is re-entrant on one object; different objects are independent.
  *
@@ -143,7 +157,7 @@ MK_DECLARE_RKFD_CORE(f64)
  * is as it was, but for the counter `rejected`.
  *
  * name_start(f, config)        x := x0, W := P0^-1, counters 0; tolerance from the configuration. SHAPE if the configuration has
- *                              other dimensions; ARGUMENT, NOT_FINITE, NOT_POSITIVE_DEFINITE (P0), TOLERANCE.
+ *                              other dimensions; ARGUMENT, NOT_FINITE, NOT_POSITIVE_DEFINITE (P0, W of the steady part), TOLERANCE.
  * name_put_measurement(f, slot, T y[m])
  *                              The reading of a slot, its sensor's rows first; what stands beyond them is not read. Copied.
  *                              ORDER between incremental and diffuse; ARGUMENT; NOT_FINITE; REPEATED: the first reading stays.
@@ -153,14 +167,14 @@ MK_DECLARE_RKFD_CORE(f64)
  *                              The incremental step with what arrived; input r(t), or null for the configuration's. Leaves psi in
  *                              slot 0, for the radio: name_intermediate(f). ORDER if called twice without diffuse. NOT_POSITIVE_DEFINITE,
  *                              NOT_FINITE (input, or overflow), TOLERANCE (no root): W and x as before, readings kept; restart is
- *                              the way back. Cost about 9 n^3 + slots (4 n m + n^2 / 2) operations.
+ *                              the way back. Cost about 9 n^3 + slots (4 n m + n^2 / 2) operations; frozen 2 n (n + slots m).
  * name_put_estimate(f, slot, T psi[n])
  *                              psi of a neighbour, slot >= 1. ORDER before incremental; ARGUMENT; NOT_FINITE; REPEATED.
  * name_diffuse(f)              The diffusion step over slot 0 and what arrived; ends the step. With no positive weight among
  *                              them x := psi of slot 0. ORDER before incremental; NOT_FINITE: the sum overflows.
  * name_estimate(f)             x (n): the prediction for the next step's time. Valid until the next diffuse.
  * name_intermediate(f)         psi (n) of this node, between incremental and diffuse.
- * name_set_tolerance(f, c)     c for the following steps. TOLERANCE if negative or not finite.
+ * name_set_tolerance(f, c)     c for the following steps; another than before ends frozen mode. TOLERANCE if negative or not finite.
  * name_restart(f, x0, P0)      x and W anew (packed P0), readings and estimates of the step dropped, counters kept: the way back after
  *                              a long silence or a failure. ORDER before start; NOT_FINITE, NOT_POSITIVE_DEFINITE.
  * name_covariance(f, T V[MK_PACKED(n)])
@@ -179,7 +193,7 @@ MK_DECLARE_RKFD_CORE(f64)
         return mk_rkfd_incremental_##real(n, m, slot_count, &view, input);                                                    \
     }
 
-#define MK_RKFD_TYPE(name, real, n, m, slot_count, kernel, step)                                                              \
+#define MK_RKFD_TYPE(name, real, n, m, slot_count, kernel, STEP)                                                              \
     typedef struct {                                                                                                          \
         mk_rkfd_##real##_t core;                                                                                              \
         mk_##real##_t x[n];                 /* estimate */                                                                    \
@@ -215,7 +229,7 @@ MK_DECLARE_RKFD_CORE(f64)
         const mk_rkfd_view_##real##_t view = name##_view(f, 0);                                                               \
         return mk_rkfd_put_##real(n, m, &view, slot, e, 1);                                                                   \
     }                                                                                                                         \
-    step(name, real, n, m, slot_count)                                                                                        \
+    STEP(name, real, n, m, slot_count)                                                                                        \
     MK_INLINE mk_status_t name##_put_estimate(name##_t *f, int slot, const mk_##real##_t *psi) {                              \
         const mk_rkfd_view_##real##_t view = name##_view(f, 0);                                                               \
         return mk_rkfd_put_estimate_##real(n, &view, slot, psi);                                                              \

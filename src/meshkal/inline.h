@@ -12,12 +12,6 @@
 #define MK_KERNEL static inline
 #endif
 
-#if defined(__GNUC__) || defined(__clang__)
-#define MK_OUTLINE static __attribute__((noinline, unused))
-#else
-#define MK_OUTLINE static inline
-#endif
-
 /* Inlined in the shared build, too: for parts of one large function, whose frames would otherwise add up on the stack. */
 #if defined(__GNUC__) || defined(__clang__)
 #define MK_PART static inline __attribute__((always_inline, unused))

@@ -9,7 +9,7 @@
 # which are compiled after PREREQUISITES (generated headers) are made. An image named *-f32 promises single precision: where the
 # hardware has no other, its symbols are checked for that. To run it as a test:
 #   $(eval $(call FIRMWARE_TEST,NAME,ARGUMENTS,STATUS,TEXT))
-# passes on every target of the image if it exits with STATUS (default 0) and, where given, writes TEXT. ARGUMENTS: words of its
+# (add files that it reads to FIRMWARE_DATA) passes on every target of the image if it exits with STATUS (default 0) and, where given, writes TEXT. ARGUMENTS: words of its
 # command line, no commas. Arguments of FIRMWARE_ macros contain no vertical bars.
 
 FIRMWARE := $(BUILD)/firmware
@@ -17,8 +17,9 @@ FIRMWARE := $(BUILD)/firmware
 # --- the targets: compiler, code, port, board, emulator --------------------------------------------------------------------
 
 FIRMWARE_TARGETS := m0 m4f m7 m33 rv32imac rv32imafc
-# Those whose hardware knows float but not double.
+# What the hardware calculates: float, or float and double; the others neither.
 FIRMWARE_SINGLE := m4f m33 rv32imafc
+FIRMWARE_DOUBLE := m7
 
 FIRMWARE_ARM := m0 m4f m7 m33
 FIRMWARE_RISCV := rv32imac rv32imafc
@@ -101,15 +102,49 @@ $(eval $(call FIRMWARE_TEST,startup,instruction,99,fault: ))
 $(eval $(call FIRMWARE_TEST,startup,overflow,99,stack overflow))
 $(eval $(call FIRMWARE_TEST,startup,below-ram,99,fault: ))
 
+# The library's test vectors: the host's program writes what it found, the image reads that and finds the same.
+# Both builds of the host must agree, one of them with the sanitizers.
+FIRMWARE_VECTORS_SOURCES := tests/firmware/vectors_write.c tests/firmware/vectors.c src/meshkal/meshkal.c
+define FIRMWARE_VECTORS
+$(FIRMWARE)/vectors_write-$(1) $(FIRMWARE)/vectors_write-$(1)-sanitize: $(FIRMWARE_VECTORS_SOURCES) tests/firmware/vectors.h \
+		$(wildcard include/meshkal/*.h src/meshkal/*.h src/meshkal/*/*.h) Makefile | $(SETUP)
+	@mkdir -p $$(@D)
+	@$$(CC) $$(CFLAGS) $$(if $$(filter %-sanitize,$$@),$$(SANITIZE)) $(INCLUDE) -DVECTOR_BITS=$(1) $(FIRMWARE_VECTORS_SOURCES) -lm -o $$@
+$(FIRMWARE)/vectors-f$(1).bin: $(FIRMWARE)/vectors_write-$(1) $(FIRMWARE)/vectors_write-$(1)-sanitize
+	@$$< > $$@.made && $$<-sanitize | cmp - $$@.made && mv $$@.made $$@
+# The last number of all, one bit of it changed: that the image must see.
+$(FIRMWARE)/vectors-f$(1)-altered.bin: $(FIRMWARE)/vectors-f$(1).bin
+	@$(PYTHON) -c 'import sys; b = bytearray(sys.stdin.buffer.read()); b[-4] ^= 1; sys.stdout.buffer.write(b)' < $$< > $$@
+FIRMWARE_DATA += $(FIRMWARE)/vectors-f$(1).bin $(FIRMWARE)/vectors-f$(1)-altered.bin
+endef
+$(foreach b,32 64,$(eval $(call FIRMWARE_VECTORS,$(b)))\
+  $(eval $(call FIRMWARE_IMAGE,vectors-f$(b),tests/firmware/vectors.c tests/firmware/vectors_compare.c,-DVECTOR_BITS=$(b)))\
+  $(eval $(call FIRMWARE_TEST,vectors-f$(b),$(FIRMWARE)/vectors-f$(b).bin,0,words agree))\
+  $(eval $(call FIRMWARE_TEST,vectors-f$(b),$(FIRMWARE)/vectors-f$(b)-altered.bin,1,differs)))
+
+# A network whose nodes all run in one image: headers of meshkal design, readings and losses of meshkal simulate.
+define FIRMWARE_NETWORK
+$(FIRMWARE)/network-f$(1)/network_data.h: tests/firmware/network_data.py tests/firmware/firmware.mk tools/rerun/meshkal_rerun/reader.py $(PROGRAM)
+	@mkdir -p $$(@D)
+	@$(PROGRAM) scenario projectile --nodes 6 --seed 3 > $$(@D)/scenario.json
+	@$(PROGRAM) design $$(@D)/scenario.json --c-header $$(@D) --real float$(1) > $$(@D)/design.txt
+	@$(PROGRAM) simulate $$(@D)/scenario.json --filter rkfdnu2 --loss 0.2 --steps 200 --real float$(1) --out $$(@D)/run.cbor > $$(@D)/simulate.txt
+	@PYTHONPATH=tools/rerun $(PYTHON) $$< $$(@D)/run.cbor $$@.made && mv $$@.made $$@
+endef
+$(foreach b,32 64,$(eval $(call FIRMWARE_NETWORK,$(b)))\
+  $(eval $(call FIRMWARE_IMAGE,network-f$(b),tests/firmware/network.c,-DNETWORK_BITS=$(b) -I$(FIRMWARE)/network-f$(b),$(FIRMWARE)/network-f$(b)/network_data.h))\
+  $(eval $(call FIRMWARE_TEST,network-f$(b),,0,numbers agree))\
+  $(eval $(call FIRMWARE_TEST,network-f$(b),altered,1,differs)))
+
 # --- run -------------------------------------------------------------------------------------------------------------------
 
-# What firmware.sh reads. A table of the targets: name, emulator, prefix of the tools, "single" where there is no double in hardware.
-FIRMWARE_TABLE = $(foreach t,$(FIRMWARE_TARGETS),'$(t)|$(FIRMWARE_QEMU_$(t))|$(FIRMWARE_PREFIX_$(t))|$(if $(filter $(t),$(FIRMWARE_SINGLE)),single)')
+# What firmware.sh reads. A table of the targets: name, emulator, prefix of the tools, its floating-point hardware.
+FIRMWARE_TABLE = $(foreach t,$(FIRMWARE_TARGETS),'$(t)|$(FIRMWARE_QEMU_$(t))|$(FIRMWARE_PREFIX_$(t))|$(if $(filter $(t),$(FIRMWARE_SINGLE)),single)$(if $(filter $(t),$(FIRMWARE_DOUBLE)),double)')
 
 .PHONY: firmware test-firmware
 # The list is complete when the recipe runs: images that other files add count too.
 firmware: ## bare-metal images for six targets, build/firmware/TARGET/NAME.elf
-	@$(MAKE) --no-print-directory $(FIRMWARE_IMAGES)
+	@$(MAKE) -s -j2 --no-print-directory $(FIRMWARE_IMAGES) $(FIRMWARE_DATA)
 	@printf '%s\n' $(FIRMWARE_TABLE) > $(FIRMWARE)/targets
 	@printf '%s\n' $(FIRMWARE_PLAN) > $(FIRMWARE)/plan
 

@@ -5,6 +5,7 @@
 dir=$1/firmware
 limit=60 # seconds: an image needs less than two
 
+[ -s "$dir/plan" ] && [ -s "$dir/targets" ] || { echo "not ok: there are no images: make firmware" && exit 1; }
 column() { sed -n "s/^$1|//p" "$dir/targets" | cut -d'|' -f"$2"; } # target, number
 
 while IFS='|' read -r target image arguments status text; do
@@ -19,3 +20,23 @@ while IFS='|' read -r target image arguments status text; do
     else echo "ok: $title" && continue; fi
     sed 's/^/    /' "$log" | head -n 20
 done <"$dir/plan"
+
+# --- symbols: no heap, no stdio, no errno, no writable data in the library; no software floating point where the hardware has it ------------
+check() { # title, what may not be: symbols found
+    if [ -z "$2" ]; then echo "ok: $1"; else echo "not ok: $1: $(echo "$2" | tr '\n' ' ')"; fi
+}
+library='memcpy|memset|memmove|memcmp|sqrtf?|__(aeabi_|gnu_thumb1_case_|riscv_)[a-z0-9_]+|__[a-z]+[sd][fi]([sd][fi])?[0-9]?'
+forbidden='malloc|free|calloc|realloc|_?sbrk|.*(printf|scanf)|f?put[cs]|putchar|f(open|close|read|write)|stdin|stdout|stderr|__errno|errno|_impure_ptr|abort|exit'
+double='__aeabi_c?d[a-z0-9]+|__aeabi_[a-z]+2d|__[a-z]+df[a-z]*[0-9]?|sqrt'
+while IFS='|' read -r target _ prefix hardware; do
+    objects=$dir/$target
+    "${prefix}nm" "$objects/meshkal.o" >"$objects/symbols"
+    check "$target library: nothing writable" "$(grep -E ' [bBdDgGsScC] ' "$objects/symbols")"
+    check "$target library: needs memory functions, square roots and arithmetic only" "$(awk '$1 == "U" {print $2}' "$objects/symbols" | grep -vxE "$library")"
+    for image in "$objects"/*.elf; do
+        name=$target\ $(basename "$image" .elf)
+        "${prefix}nm" "$image" | awk '{print $NF}' >"$objects/symbols"
+        check "$name: no heap, stdio or errno" "$(grep -xE "$forbidden" "$objects/symbols")"
+        case $hardware-$name in single-*-f32 | double-*) check "$name: no double in software" "$(grep -xE "$double" "$objects/symbols")" ;; esac
+    done
+done <"$dir/targets"

@@ -1,15 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: MIT
 # What a user meets first: the README's example, the installed package, the object code's promises. Usage: package.sh BUILD
-build=$1
-out=$build/test-package
-rm -rf "$out" && mkdir -p "$out"
-strict="-pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wvla -Werror -ffp-contract=off"
-check() { # title, command...
-    title=$1
-    shift
-    if "$@" >"$out/log" 2>&1; then echo "ok: $title"; else echo "not ok: $title" && cat "$out/log"; fi
-}
+. tests/package/check.sh
 
 # The first C block of the README, and its promised length.
 awk '/^```c$/ {on = 1; next} /^```$/ {if (on) exit} on' README.md >"$out/example.c"
@@ -28,7 +20,7 @@ check "make uninstall leaves no file" sh -c "make -s uninstall BUILD=$build DEST
 
 # No heap, no stdio, no libm but sqrt, no writable data.
 nm "$build/libmeshkal.a" >"$out/symbols"
-check "undefined symbols are memcpy, memset, sqrt only" sh -c "! awk '\$1 == \"U\" {print \$2}' $out/symbols | grep -vxE 'memcpy|memset|memmove|sqrtf?|_GLOBAL_OFFSET_TABLE_|__stack_chk_fail'"
+check "undefined symbols are of memory copies, fills and compares and of sqrt only" sh -c "! awk '\$1 == \"U\" {print \$2}' $out/symbols | grep -vxE 'memcpy|memset|memmove|memcmp|sqrtf?|_GLOBAL_OFFSET_TABLE_|__stack_chk_fail'"
 check "no writable data" sh -c "! grep -E ' [bBdDgGsSC] ' $out/symbols"
 check "fast math is refused" sh -c "! gcc -std=c99 -ffast-math -Iinclude -Isrc -c src/meshkal/meshkal.c -o $out/fast.o"
 check "every C source compiles with clang" sh -c "for f in src/meshkal/*.c port/host/*.c tools/meshkal/*.c tools/meshkal/*/*.c; do clang -std=c99 $strict -Wmissing-prototypes -D_POSIX_C_SOURCE=200809L -Iinclude -Isrc -Iport/host -Itools/meshkal -fsyntax-only \$f || exit 1; done"

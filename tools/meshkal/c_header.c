@@ -28,8 +28,8 @@
 #define MK_REAL_LITERAL ""
 #include "c_header.tmpl.h"
 
-int mk_write_headers(const char *directory, const char *real, const mk_scenario_t *s, const mk_design_t *design, int frozen, FILE *notes,
-                     mk_error_t *error) {
+int mk_write_headers(const char *directory, const char *real, const mk_scenario_t *s, const mk_design_t *design, double close,
+                     FILE *notes, mk_error_t *error) {
     const mk_topology_t topology = mk_distributed_topology(s);
     const int digits = s->nodes <= 100 ? 2 : s->nodes <= 1000 ? 3 : 7; /* names sort by number in networks that anyone lists */
     if (s->nodes > 65536) return mk_fail(error, "%s: %d nodes, but frames have 16 bits for the number of a node", directory, s->nodes);
@@ -46,8 +46,8 @@ int mk_write_headers(const char *directory, const char *real, const mk_scenario_
                       "   Model %s */\n#ifndef MESHKAL_NODE_%s_H\n#define MESHKAL_NODE_%s_H\n\n",
                       k, s->nodes, s->sha256, name + 4, name + 4);
         const char *why = "";
-        const int complete = strcmp(real, "float32") == 0 ? put_node_f32(file.stream, name, s, &topology, k, design->local[k], frozen, &why)
-                                                          : put_node_f64(file.stream, name, s, &topology, k, design->local[k], frozen, &why);
+        const int complete = strcmp(real, "float32") == 0 ? put_node_f32(file.stream, name, s, &topology, k, design->local[k], close, &why)
+                                                          : put_node_f64(file.stream, name, s, &topology, k, design->local[k], close, &why);
         if (!complete) (void)fprintf(notes, "meshkal: node %d: its header has no frozen gain: %s\n", k, why);
         (void)fputs("\n#endif\n", file.stream);
         if (!mk_close_output(&file, 1, error)) return 0;

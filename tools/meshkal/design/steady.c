@@ -10,8 +10,8 @@
 
 /* A node that takes more steps to its limit has no use for it. */
 #define SETTLE_LIMIT 20000
-/* Steps from the limit on: at least, and while rounding drives the filter ever further. */
-enum { TRIAL_FIRST = 64, TRIAL_LAST = 4096 };
+/* Steps of a trial: at least, and as long as they lead anywhere. */
+enum { TRIAL_FIRST = 128, TRIAL_LAST = 16384 };
 
 /* Phi, G by columns and W of the limit, one after another as in the steady part. 1, or 0: there is none. */
 static int find_limit(const mk_scenario_t *s, const mk_topology_t *topology, int e, int m, double tolerance, double *numbers, double *theta,
@@ -50,15 +50,9 @@ static int find_limit(const mk_scenario_t *s, const mk_topology_t *topology, int
 
 #define MK_BITS 32
 #include <meshkal/real.h>
-#define LEAST_CLOSE 1e-5
-#define MOST_CLOSE 1e-3
 #include "design/steady.tmpl.h"
-#undef LEAST_CLOSE
-#undef MOST_CLOSE
 #undef MK_BITS
 
 #define MK_BITS 64
 #include <meshkal/real.h>
-#define LEAST_CLOSE 1e-11
-#define MOST_CLOSE 1e-8
 #include "design/steady.tmpl.h"
