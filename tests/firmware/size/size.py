@@ -80,17 +80,18 @@ def instructions(build, plan):
 def flash(build, target, shape):
     """Text and constants of the node's object and the library's, which is all the linker kept for the five functions; the rest: arithmetic of the
     compiler's library in the image."""
-    head, text = (build / "firmware" / target / f"size-{shape}.map").read_text().split("Linker script and memory map", 1)
+    text = (build / "firmware" / target / f"size-{shape}.map").read_text().split("Linker script and memory map", 1)[1]
     of = {}
-    arithmetic = 0
+    arithmetic, drawn_in = 0, set()
     for name, size, file in re.findall(r"^ (\.(?:text|s?rodata)\S*)\s+0x[0-9a-f]+\s+0x([0-9a-f]+) (\S+)$", text, re.M):
         size = int(size, 16)
         if file.endswith("/meshkal.o") or file.endswith("/size/node.o"):
             of[name] = of.get(name, 0) + size
-        elif "libgcc.a" in file or "libm.a" in file:
-            arithmetic += size
+        elif size and ".a(" in file:
+            drawn_in.add(file.split("(")[1].rstrip(")"))
+            arithmetic += size if "libgcc.a" in file or "libm.a" in file else 0
     return {"flash": sum(of.values()), "flash_of": {name: size for name, size in sorted(of.items(), key=lambda item: -item[1]) if size},
-            "arithmetic": arithmetic, "drawn_in": sorted(set(re.findall(r"^\S+\.a\((\S+)\)$", head, re.M)))}
+            "arithmetic": arithmetic, "drawn_in": sorted(drawn_in)}
 
 
 # --- stack by the call graph -------------------------------------------------------------------------------------------------
