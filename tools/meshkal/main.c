@@ -30,6 +30,7 @@ static const char help[] =
     "    --truth FILE.csv     recorded truth of recorded measurements: columns t,state,value\n"
     "    --horizon T          last step of the least favourable model (default: 100 after the run)\n"
     "    --out FILE           log of the run, CBOR; - is standard output\n"
+    "    --record DIR         a record of every node in the first run, for meshkal replay and for firmware\n"
     "    --json FILE          summary for programs\n"
     "    --threads N          (default: all cores)\n"
     "    --resume FILE        complete runs are kept there; a later call goes on, also to more runs\n"
@@ -55,6 +56,12 @@ static const char help[] =
     "    --nodes N --seed S   (default 20 nodes, seed 1)\n"
     "    --density D          mean number of neighbours, the node itself included (default 5)\n"
     "\n"
+    "meshkal replay RECORD [options]             run a node again from its record and compare every bit\n"
+    "    --configuration RECORD   whose configuration counts in place of the record's own\n"
+    "    --all                every difference, not the first only\n"
+    "    --json FILE          results for programs\n"
+    "    Exit status: 0 equal, also if its end is cut off; 1 different; 2 not readable; what stands before that is replayed\n"
+    "\n"
     "Exit status: 0; 1 the work failed; 2 wrong input or arguments, nothing written.\n";
 
 static int run(int argc, char **argv) {
@@ -70,6 +77,7 @@ static int run(int argc, char **argv) {
     if (strcmp(name, "analyze") == 0) return mk_command_analyze(argc - 1, argv + 1);
     if (strcmp(name, "fit") == 0) return mk_command_fit(argc - 1, argv + 1);
     if (strcmp(name, "scenario") == 0) return mk_command_scenario(argc - 1, argv + 1);
+    if (strcmp(name, "replay") == 0) return mk_command_replay(argc - 1, argv + 1);
     if (strcmp(name, "--version") == 0) {
         (void)puts("meshkal " MK_VERSION);
         return 0;

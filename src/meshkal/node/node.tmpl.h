@@ -165,6 +165,7 @@ mk_status_t MK_F(mk_node_accept_recorded)(int n, int m, int slots, const MK_F_T(
     mk_frame_t frame;
     if (!view->node->config) return MK_ERROR_ORDER;
     mk_status_t status = mk_frame_parse(content, length, &frame);
+    if (status == MK_OK && frame.model != view->node->config->model) status = MK_ERROR_MODEL;
     const int slot = status == MK_OK ? MK_F(mk_node_slot)(slots, view->node->config, frame.node) : 0;
     if (status == MK_OK) status = slot ? MK_F(mk_node_use)(n, m, view, &frame, slot) : MK_ERROR_STRANGER;
     view->node->counts[status]++;
