@@ -55,9 +55,13 @@ static void MK_F(player_lengths)(const void *player, const mk_item_t *item, size
     const size_t n = (size_t)g->node->n, size = sizeof(MK_REAL);
     *least = *most = 0;
     switch (item->kind) {
-    case MK_ITEM_STATE: *most = g->node->blob_most; break;
+    case MK_ITEM_STATE: *most = 2 * g->node->blob_most; break; /* one of the other precision is told by its head */
     case MK_ITEM_MEASURE: *least = *most = size * g->config->filter.rows[0]; break;
-    case MK_ITEM_FRAME: *least = MK_FRAME_HEADER, *most = MK_FRAME_HEADER + UINT16_MAX; break;
+    case MK_ITEM_FRAME:
+        /* Which frames have another length than what they bring, the node said when it refused them. */
+        *least = MK_FRAME_HEADER;
+        *most = *least + (item->status == MK_ERROR_LENGTH || item->status == MK_ERROR_TYPE ? UINT16_MAX : 8 * MK_NODE_NUMBERS(n, (size_t)g->node->m));
+        break;
     case MK_ITEM_INCREMENTAL: *least = item->status == MK_OK ? size * n : 0, *most = *least + size * n; break;
     case MK_ITEM_DIFFUSE: *least = *most = 4 + size * n; break;
     case MK_ITEM_ADVANCE: *least = *most = 8 + size * n; break;
