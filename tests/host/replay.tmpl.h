@@ -56,14 +56,14 @@ static void MK_F(model_make)(MK_F_T(model) * w, unsigned life) {
 /* What a neighbour sends, with or without something wrong with it. */
 static void MK_F(send)(LIVE_T * node, const MK_F_T(model) * w, unsigned life, uint32_t step, int slot, int stage, uint64_t *sequence) {
     uint8_t bytes[256];
-    double values[M * (N + 1)];
+    double values[M * (N + 1) + 1];
     const int given = stage == MK_STAGE_MEASUREMENT && life & FOREIGN && w->strange[slot], trouble = life & TROUBLE ? draw(20) : 20;
     int count = stage == MK_STAGE_ESTIMATE ? N : given ? w->rows[slot] * (N + 1) : w->rows[slot];
     mk_frame_t frame;
     memset(&frame, 0, sizeof frame);
+    if (trouble == 1) count++;
     for (int i = 0; i < count; i++) values[i] = mk_random_normal(&source) * (draw(10) == 0 && life & GATE ? 100.0 : 1.0);
     if (given && trouble == 0) values[0] = 1000.0;
-    if (trouble == 1) count++;
     frame.model = MODEL;
     frame.step = step;
     frame.node = w->nodes[slot];
