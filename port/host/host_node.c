@@ -6,14 +6,15 @@
 #include <string.h>
 
 /* The content of an item CONFIGURATION: see meshkal/record.h. */
-enum { HEAD = 18, SLOT = 4, FLAG_INPUT = 1, FLAG_GATE = 2, FLAG_FOREIGN = 4, FLAGS = 7 };
+enum { HEAD = 18, SLOT = 4, FLAG_INPUT = 1, FLAG_GATE = 2, FLAG_FOREIGN = 4, FLAG_STEADY = 8, FLAGS = 15 };
 
 /* Bytes of the content; dimensions are below 2^16, so nothing overflows. */
 static uint64_t content_length(const mk_host_facts_t *f, unsigned flags) {
     const uint64_t n = (uint64_t)f->n, m = (uint64_t)f->m, slots = (uint64_t)f->slots;
     const uint64_t numbers = n * n + 2 * MK_PACKED(n) + (flags & FLAG_INPUT ? 2 : 1) * n + slots * (1 + 2 * m * n + MK_PACKED(n) + MK_PACKED(m)) + 1 +
-                             (flags & FLAG_GATE ? slots + 1 : 0) + (flags & FLAG_FOREIGN ? 1 : 0);
-    return HEAD + SLOT * slots + (uint64_t)(f->bits / 8) * numbers;
+                             (flags & FLAG_GATE ? slots + 1 : 0) + (flags & FLAG_FOREIGN ? 1 : 0) +
+                             (flags & FLAG_STEADY ? n * n + slots * m * n + MK_PACKED(n) + 3 : 0);
+    return HEAD + SLOT * slots + (flags & FLAG_STEADY ? 2 : 0) + (uint64_t)(f->bits / 8) * numbers;
 }
 
 int mk_host_facts(const uint8_t *content, size_t known, size_t length, mk_host_facts_t *facts, mk_error_t *error) {

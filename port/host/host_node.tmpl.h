@@ -11,6 +11,7 @@ typedef struct {
     MK_F_T(mk_node_config) config; /* first: what the caller frees */
     MK_F_T(mk_node_gate) gate;
     MK_F_T(mk_node_foreign) foreign;
+    MK_F_T(mk_rkfd_steady) steady;
 } MK_F_T(config_head);
 
 MK_F_T(mk_host_node) * MK_F(mk_host_node_open)(int n, int m, int slots) {
@@ -57,6 +58,18 @@ static const uint8_t *MK_F(take_numbers)(const uint8_t *from, size_t count, MK_R
     }
     *next += count;
     return from;
+}
+
+static void MK_F(take_steady)(const uint8_t *from, size_t n, size_t m, size_t slots, MK_F_T(mk_rkfd_steady) * steady, MK_REAL *next) {
+    MK_REAL *const Phi = next, *const G = Phi + n * n, *const W = G + slots * m * n, *const single = W + MK_PACKED(n);
+    from = MK_F(take_numbers)(from, (size_t)(single - Phi) + 3, &next);
+    steady->Phi = Phi;
+    steady->G = G;
+    steady->W = W;
+    steady->theta = single[0];
+    steady->trace_P = single[1];
+    steady->close = single[2];
+    steady->period = mk_get_u16(from);
 }
 
 MK_F_T(mk_node_config) * MK_F(mk_host_config)(const uint8_t *content, size_t length, mk_error_t *error) {
@@ -119,8 +132,12 @@ MK_F_T(mk_node_config) * MK_F(mk_host_config)(const uint8_t *content, size_t len
     if (flags & FLAG_FOREIGN) {
         head->foreign.slot = foreign;
         single = &head->foreign.limit;
-        (void)MK_F(take_numbers)(from, 1, &single);
+        from = MK_F(take_numbers)(from, 1, &single);
         config->foreign = &head->foreign;
+    }
+    if (flags & FLAG_STEADY) {
+        MK_F(take_steady)(from, n, m, slots, &head->steady, next);
+        filter->steady = &head->steady;
     }
     return config;
 }

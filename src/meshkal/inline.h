@@ -12,6 +12,12 @@
 #define MK_KERNEL static inline
 #endif
 
+#if defined(__GNUC__) || defined(__clang__)
+#define MK_OUTLINE static __attribute__((noinline, unused))
+#else
+#define MK_OUTLINE static inline
+#endif
+
 /* gcc unrolls a loop of known count only as far as a size limit that these kernels exceed; clang's own limit suffices. */
 #if defined(__GNUC__) && !defined(__clang__) && !defined(MK_ROLLED)
 #define MK_UNROLL _Pragma("GCC unroll 8")
@@ -34,6 +40,12 @@
 #elif defined(__SSE2__) || defined(__aarch64__)
 #define MK_VECTOR_BYTES 16
 #endif
+#endif
+
+/* Arm cores with a single-precision unit but without vectors load several of its registers at once; clang knows. */
+#if defined(__GNUC__) && !defined(__clang__) && !defined(MK_ROLLED) && defined(__thumb2__) && defined(__ARM_FP) && !defined(__SOFTFP__) && \
+    !defined(__ARM_NEON)
+#define MK_LOAD_MULTIPLE
 #endif
 
 /* Place of element (i, j), j <= i, of a packed symmetric matrix. */

@@ -90,7 +90,8 @@ def replay(run, tmp_path_factory):
 
 @pytest.mark.parametrize("real", ["float32", "float64"])
 @pytest.mark.parametrize("network", ["projectile", "mixed"])
-@pytest.mark.parametrize("options", [("--loss", 0.25), ("--filter", "rkfdnu", "--loss", 0.25), ("--filter", "kfd"), ("--filter", "rkfdu", "--loss", 0.9)])
+@pytest.mark.parametrize("options", [("--loss", 0.25), ("--filter", "rkfdnu", "--loss", 0.25), ("--filter", "kfd"), ("--filter", "rkfdu", "--loss", 0.9),
+                                     ("--frozen", 0.5, "--loss", 0.01)])
 def test_equal(recorded, replay, projectile, real, network, options):
     path = projectile if network == "projectile" else MIXED
     place, log = recorded("--steps", 60, "--real", real, *options, path=path)
@@ -115,6 +116,8 @@ def test_equal(recorded, replay, projectile, real, network, options):
         x = [np.frombuffer(c[4:], TYPES[86 if real == "float64" else 85]) for kind, _, c, _ in found if kind == DIFFUSE]
         for t in range(59):
             assert x[t].tobytes() == steps[t + 1]["estimate"].reshape(nodes, n)[k].tobytes()
+        if "--frozen" in options and k == nodes - 1:
+            assert sum(int(s["frozen"].sum()) for s in steps) > 20
         c = [np.frombuffer(c, x[0].dtype)[0] for kind, _, c, _ in found if kind == TOLERANCE]
         assert c == ([s["tolerance"][k] for s in steps] if "rkfdnu" in options else [])
         assert [kind for kind, *_ in found[:2]] == [CONFIGURATION, STATE]

@@ -22,12 +22,13 @@ enum { ITEM_HEAD = 6 };
 static const uint16_t number[SLOTS] = {7, 9, 400};
 
 /* What a life has in it. */
-enum { GATE = 1, FOREIGN = 2, SEALED = 4, TROUBLE = 8, TIGHT = 16, BARE = 32, NO_INPUT = 64 };
+enum { GATE = 1, FOREIGN = 2, SEALED = 4, TROUBLE = 8, TIGHT = 16, BARE = 32, NO_INPUT = 64, STEADY = 128 };
 
 MK_NODE_UNROLLED(live_f32, f32, N, M, SLOTS);
 MK_NODE_UNROLLED(live_f64, f64, N, M, SLOTS);
 
 static mk_random_t source;
+static int frozen_steps;
 static int draw(int below) { return (int)(mk_random_uniform(&source) * below); }
 
 /* --- a key that all nodes have --------------------------------------------------------------------------------------------- */
@@ -137,7 +138,8 @@ static place_t place[MOST];
 /* --- equal ----------------------------------------------------------------------------------------------------------------- */
 
 static void equal_records(void **unused) {
-    static const unsigned lives[] = {0, NO_INPUT, GATE, FOREIGN, SEALED, TROUBLE, GATE | TROUBLE, FOREIGN | TROUBLE, GATE | FOREIGN | SEALED | TROUBLE};
+    static const unsigned lives[] = {0, NO_INPUT, GATE, FOREIGN, SEALED, TROUBLE, GATE | TROUBLE, FOREIGN | TROUBLE, GATE | FOREIGN | SEALED | TROUBLE,
+                                     STEADY, STEADY | GATE | TROUBLE};
     size_t kinds[MK_ITEM_KINDS] = {0};
     uint64_t frames[MK_STATUS_COUNT] = {0};
     (void)unused;
@@ -157,6 +159,7 @@ static void equal_records(void **unused) {
                 for (int k = 0; k < MK_STATUS_COUNT; k++) frames[k] += p.frames[k];
             }
     /* Nothing of what was to be shown was absent. */
+    assert_true(frozen_steps > 100);
     for (int k = 1; k < MK_ITEM_KINDS; k++) assert_true(kinds[k] > 20);
     static const int seen[] = {MK_OK, MK_ERROR_NOT_FINITE, MK_ERROR_REPEATED, MK_ERROR_LENGTH, MK_ERROR_TYPE, MK_ERROR_LATE, MK_ERROR_AHEAD, MK_ERROR_IMPLAUSIBLE};
     for (size_t i = 0; i < sizeof seen / sizeof *seen; i++) assert_true(frames[seen[i]] > 0);
@@ -170,7 +173,7 @@ static void states_within(void **unused) {
     for (int bits = 32; bits <= 64; bits += 32)
         for (uint32_t seed = 1; seed <= 20; seed++) {
             mk_playback_t p;
-            make(bits, TROUBLE | TIGHT, 120, seed);
+            make(bits, TROUBLE | TIGHT | (seed % 2 ? 0 : STEADY), 120, seed);
             memset(&p, 0, sizeof p);
             mk_playback_run(&p, record.bytes, record.used, NULL);
             assert_int_equal(p.end, MK_END_WHOLE);
@@ -329,7 +332,7 @@ static void mutations(void **unused) {
     (void)unused;
     for (int round = 0; round < 6000; round++) {
         if (round % 100 == 0) {
-            static const unsigned lives[] = {0, GATE | TROUBLE, FOREIGN | TROUBLE};
+            static const unsigned lives[] = {0, GATE | STEADY | TROUBLE, FOREIGN | TROUBLE};
             make(round / 100 % 2 ? 32 : 64, lives[round / 200 % 3], 10, (uint32_t)round + 1);
         }
         const size_t items = list(&record, place, MOST);

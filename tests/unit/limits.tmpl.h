@@ -58,7 +58,7 @@ static void NAME(filter_work)(void **unused) {
             }
             assert_int_equal(NAME(mk_rkfd_sensor)(n, m, m, C, R, F, S, R_inverse, sensor_work), MK_OK);
             const TYPE(mk_rkfd_config) config = {(uint16_t)n, (uint16_t)m, 1,    A, P, NULL,      x0,        P,
-                                                 &weight,     &rows,       C,    F, S, R_inverse, (REAL)0.02};
+                                                 &weight,     &rows,       C,    F, S, R_inverse, (REAL)0.02, NULL};
             TYPE(mk_rkfd) core;
             REAL x[N], W[MK_PACKED(N)], readings[M], psi[N];
             uint8_t have_y, have_psi;

@@ -50,6 +50,8 @@ static void MK_F(mk_node_walk)(int n, int m, int slots, const MK_F_T(mk_node_vie
     mk_blob_u16(blob, &core->faults);
     mk_blob_u16(blob, &node->gated);
     mk_blob_u16(blob, &node->gated_steps);
+    mk_blob_u16(blob, &core->steady);
+    mk_blob_u8(blob, &core->frozen);
     mk_blob_u8(blob, &core->stage);
     mk_blob_u8(blob, &core->rejected_now);
     for (int l = 0; l < slots; l++) {
@@ -67,7 +69,7 @@ static int MK_F(mk_node_blob_numbers)(int n, int m, int slots, const MK_F_T(mk_n
 }
 
 static size_t MK_F(mk_node_blob_length)(int n, int m, int slots, const MK_F_T(mk_node_config) * config) {
-    return MK_BLOB_HEADER + 40 + 4 * MK_STATUS_COUNT + 16 + 7 * (size_t)slots + 4 +
+    return MK_BLOB_HEADER + 40 + 4 * MK_STATUS_COUNT + 19 + 7 * (size_t)slots + 4 +
            sizeof(MK_REAL) * (size_t)MK_F(mk_node_blob_numbers)(n, m, slots, config);
 }
 
@@ -110,6 +112,7 @@ static mk_status_t MK_F(mk_node_blob_check)(int n, int m, int slots, const MK_F_
     }
     const uint8_t *const flags = bytes + end - 3 * slots, stage = flags[-2];
     if (stage < 1 || stage > 2) return MK_ERROR_ARGUMENT;
+    if (mk_get_u16(flags - 5) > (config->filter.steady ? config->filter.steady->period : 0)) return MK_ERROR_ARGUMENT;
     for (int l = 0; l < slots; l++)
         if (flags[3 * l] > 2 || flags[3 * l + 1] > 1 || flags[3 * l + 2] > 2) return MK_ERROR_ARGUMENT;
     return MK_OK;
@@ -120,6 +123,7 @@ mk_status_t MK_F(mk_node_restore)(int n, int m, int slots, const MK_F_T(mk_node_
     if (!bytes || !config) return MK_ERROR_ARGUMENT;
     mk_status_t status = MK_F(mk_node_check)(slots, config);
     if (status == MK_OK) status = MK_F(mk_rkfd_check)(n, m, slots, &config->filter);
+    if (status == MK_OK) status = MK_F(mk_rkfd_check_steady)(n, m, slots, config->filter.steady, view->filter.work);
     if (status != MK_OK) return status;
     uint8_t header[MK_BLOB_HEADER];
     MK_F(mk_node_blob_header)(n, m, slots, config, header);

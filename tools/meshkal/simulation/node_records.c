@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 
 #include "design/node_config.h"
+#include "design/steady.h"
 #include "host_node.h"
 #include "parallel.h"
 #include "scenario_read.h"

@@ -2,6 +2,8 @@
 
 typedef struct {
     MK_F_T(mk_node_config) config;
+    MK_F_T(mk_rkfd_steady) steady;
+    MK_REAL *limit; /* its arrays; null: the gain is never frozen */
     MK_F_T(mk_host_node) * host;
     mk_recorder_t recorder;
     uint8_t *frame[2]; /* of stage 1 and 2, and their lengths */
@@ -16,6 +18,7 @@ static void MK_F(close)(mk_node_records_t *r, int k) {
     if (!one->host) return;
     MK_F(mk_config_free)(&one->config.filter);
     free(one->host);
+    free(one->limit);
     free(one->recorder.bytes);
     free(one->frame[0]);
     free(one->frame[1]);
@@ -27,8 +30,8 @@ static size_t MK_F(room)(const mk_node_records_t *r, const MK_F_T(mk_host_node) 
     const size_t n = (size_t)h->n, m = (size_t)h->m, slots = (size_t)h->slots, size = sizeof(MK_REAL);
     const size_t step = 2 * (slots - 1) * (MK_ITEM_OVERHEAD + MK_FRAME_HEADER) + (slots - 1) * (m + n) * size + 4 * MK_ITEM_OVERHEAD +
                         (1 + m + 3 * n) * size + 4;
-    const size_t begin = h->blob_most + 2 * MK_ITEM_OVERHEAD + 18 + 4 * slots +
-                         size * (n * n + 2 * MK_PACKED(n) + 2 * n + slots * (1 + 2 * m * n + MK_PACKED(n) + MK_PACKED(m)) + 1);
+    const size_t numbers = MK_MODEL_NUMBERS(n) + MK_CONFIG_NUMBERS(n, m, slots) + 1 + MK_STEADY_NUMBERS(n, m, slots) + 3;
+    const size_t begin = h->blob_most + 2 * MK_ITEM_OVERHEAD + 20 + 4 * slots + size * numbers;
     size_t share = ALL_ROOM / (size_t)r->nodes;
     if (share < LEAST_ROOM) share = LEAST_ROOM;
     if (share > MOST_ROOM) share = MOST_ROOM;
@@ -36,11 +39,22 @@ static size_t MK_F(room)(const mk_node_records_t *r, const MK_F_T(mk_host_node) 
     return share > 2 * step ? share : 2 * step;
 }
 
+/* The steady part, where the simulated node has one. */
+static void MK_F(freeze)(mk_node_records_t *r, int k, MK_F_T(recorded) * one) {
+    MK_F_T(mk_rkfd_config) *const filter = &one->config.filter;
+    const char *why;
+    if (!(r->c->frozen > 0.0) || r->c->filter->mode == MK_TOLERANCE_SCHEDULE) return;
+    one->limit = mk_allocate(MK_STEADY_NUMBERS((size_t)filter->n, (size_t)filter->m, (size_t)filter->slots), sizeof *one->limit);
+    if (MK_F(mk_steady_make)(&one->steady, one->limit, filter, r->c->scenario, r->topology, k, r->tolerance[k], r->c->frozen, &why))
+        filter->steady = &one->steady;
+}
+
 static void MK_F(open)(mk_node_records_t *r, int k) {
     MK_F_T(recorded) *const one = MK_F(recorded_node)(r, k);
     const mk_topology_t *const topology = r->topology;
     const int first = topology->first[k], slots = topology->first[k + 1] - first;
     MK_F(mk_config_make)(&one->config.filter, r->c->scenario, topology, k, r->tolerance[k]);
+    MK_F(freeze)(r, k, one);
     one->nodes = mk_allocate((size_t)slots, sizeof *one->nodes);
     for (int l = 0; l < slots; l++) one->nodes[l] = (uint16_t)topology->slot[first + l];
     one->config.nodes = one->nodes;
