@@ -7,9 +7,9 @@ BUILD ?= build
 CFLAGS ?= -O2
 
 UNIT_DIR := tests/unit
-UNIT_TESTS := gamma step network unrolled contract limits silence float32
-UNIT_HELPERS := reference generator node
-UNIT_LIBS := -lcmocka -llapacke -llapack -lblas -lm
+UNIT_TESTS := gamma step network unrolled contract limits silence float32 node_network
+UNIT_HELPERS := reference generator node wire
+UNIT_LIBS := -lcmocka -llapacke -llapack -lblas -lsodium -lm
 UNIT_NUMERIC := -Iinclude -Isrc -ffp-contract=off
 UNIT_STRICT := -std=c99 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wvla -Wmissing-prototypes -Werror
 UNIT_STRICT_CXX := -std=c++17 -pedantic -Wall -Wextra -Werror
