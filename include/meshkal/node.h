@@ -35,7 +35,8 @@ extern "C" {
 #endif
 
 /* Authenticated frames. Caller's memory; parts of a name_secure_t. The key is in aead->context. A sequence number must never be
-   used twice with one key: give every start a higher one than any before, for example the count of boots in the upper 32 bits. */
+   used twice with one key: give every start a higher one than any before, for example the count of boots in the upper 32 bits. At
+   2^64 - 1 they are used up, and nothing is sent any more. */
 typedef struct {
     const mk_aead_t *aead;
     uint64_t sequence;   /* of the next frame that is sent */
@@ -208,13 +209,17 @@ MK_DECLARE_NODE_CORE(f64)
         return mk_node_start_##real(n, m, slot_count, &view, config);                                                         \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_secure(name##_t *f, name##_secure_t *secure, const mk_aead_t *aead, uint64_t sequence) {     \
+        if (!secure) return MK_ERROR_ARGUMENT;                                                                                \
         const mk_node_view_##real##_t view = name##_node_view(f, 0);                                                          \
+        const mk_secure_t before = secure->core;                                                                              \
         secure->core.aead = aead;                                                                                             \
         secure->core.sequence = sequence;                                                                                     \
         secure->core.window = secure->window;                                                                                 \
         secure->core.text = secure->text;                                                                                     \
         secure->core.capacity = (uint16_t)sizeof secure->text;                                                                \
-        return mk_node_secure_##real(&view, &secure->core, slot_count);                                                       \
+        const mk_status_t status = mk_node_secure_##real(&view, &secure->core, slot_count);                                   \
+        if (status != MK_OK) secure->core = before;                                                                           \
+        return status;                                                                                                        \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_measure(name##_t *f, const mk_##real##_t *y) {                                               \
         const mk_node_view_##real##_t view = name##_node_view(f, 0);                                                          \

@@ -228,10 +228,12 @@ size_t MK_F(mk_node_frame)(int n, int m, const MK_F_T(mk_node_view) * view, int 
     frame.numbers = config->numbers;
     frame.sealed = node->secure != 0;
     frame.length = (uint16_t)MK_NUMBERS_BYTES(config->numbers, count);
+    mk_secure_t *const secure = node->secure;
     size_t length = 0;
-    if (MK_F(mk_numbers_put)(config->numbers, count, values, mk_frame_payload(bytes, frame.sealed)) == MK_OK)
+    if (!(secure && secure->sequence == UINT64_MAX) &&
+        MK_F(mk_numbers_put)(config->numbers, count, values, mk_frame_payload(bytes, frame.sealed)) == MK_OK)
         /* The sequence number is used up even if the seal fails. */
-        length = mk_frame_write(&frame, bytes, node->secure ? node->secure->aead : 0, node->secure ? node->secure->sequence++ : 0);
+        length = mk_frame_write(&frame, bytes, secure ? secure->aead : 0, secure ? secure->sequence++ : 0);
     if (length == 0) node->unsent++;
     return length;
 }
