@@ -171,7 +171,7 @@ MK_DECLARE_NODE_CORE(f64)
  *                              target. Returns its length. At any time.
  * name_restore(node, config, blob, length)
  *                              In place of start: the node goes on bit for bit. LENGTH, CHECKSUM, VERSION, SHAPE, MODEL, STRANGER (of another node),
- *                              NOT_FINITE, NOT_POSITIVE_DEFINITE, and those of start.
+ *                              NOT_FINITE, NOT_POSITIVE_DEFINITE, TOLERANCE, IMPLAUSIBLE and ARGUMENT (what it holds is no state), and those of start.
  * name_record(node, recorder)  Empties the recorder and begins a record with the state; null ends it. LENGTH: does not fit.
  *                              Cost: copying and a CRC of every item.
  */

@@ -66,12 +66,17 @@ mk_status_t MK_F(mk_node_measure)(int n, int m, const MK_F_T(mk_node_view) * vie
     return status;
 }
 
+/* Is this trace of S one that is believed? */
+static int MK_F(mk_node_plausible)(const MK_F_T(mk_node_foreign) * foreign, MK_REAL trace) {
+    return trace <= MK_LARGEST && !(foreign->limit > MK_R(0.0) && trace > foreign->limit);
+}
+
 /* The model of a foreign neighbour into the filter's arrays, so that it is like any other: R = I, F = C' = G', S = G'G. */
 static mk_status_t MK_F(mk_node_put_model)(int n, int m, const MK_F_T(mk_node_foreign) * foreign, int slot, int rows, const MK_REAL *G) {
     const int packed = MK_AT(n, 0);
     MK_REAL trace = MK_R(0.0);
     for (int i = 0; i < rows * n; i++) trace += G[i] * G[i];
-    if (!(trace <= MK_LARGEST) || (foreign->limit > MK_R(0.0) && trace > foreign->limit)) return MK_ERROR_IMPLAUSIBLE;
+    if (!MK_F(mk_node_plausible)(foreign, trace)) return MK_ERROR_IMPLAUSIBLE;
     MK_REAL *const C = foreign->C + slot * m * n, *const F = foreign->F + slot * m * n, *const S = foreign->S + slot * packed;
     for (int i = 0; i < m * n; i++) C[i] = F[i] = i < rows * n ? G[i] : MK_R(0.0);
     for (int i = 0; i < n; i++)
