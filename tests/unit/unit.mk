@@ -7,7 +7,7 @@ BUILD ?= build
 CFLAGS ?= -O2
 
 UNIT_DIR := tests/unit
-UNIT_TESTS := gamma step network unrolled contract limits silence float32 node_network node_frames node_steps node_sealed node_gate
+UNIT_TESTS := gamma step network unrolled contract limits silence float32 node_network node_frames node_steps node_sealed node_gate node_saved
 UNIT_HELPERS := reference generator node wire
 UNIT_LIBS := -lcmocka -llapacke -llapack -lblas -lsodium -lm
 UNIT_NUMERIC := -Iinclude -Isrc -ffp-contract=off
