@@ -2,7 +2,7 @@
 
 #define OWN (BITS == 64 ? 1 : 0)
 
-static const double V(three)[N] = {1.5, -2.25, 1024.0}, V(two)[M] = {-0.5, 3.75};
+static const double V(three)[6] = {1.5, -2.25, 1024.0}, V(two)[M] = {-0.5, 3.75};
 
 /* What a node sends is the format page, byte for byte. */
 static void V(sent)(void **unused) {
@@ -220,14 +220,14 @@ static void V(each_cause)(void **unused) {
 static void V(in_order)(void **unused) {
     (void)unused;
     static V(bench_t) b;
-    uint8_t bytes[12 + 4 * sizeof(REAL) + 4] = {0};
+    uint8_t bytes[12 + 8 * sizeof(REAL)] = {0};
     const REAL infinite = (REAL)INFINITY;
     V(bench_start)(&b, 10, 11, 12, 13);
     V(step)(&b);
     const size_t size = 12 + N * sizeof(REAL) + 4;
     bytes[0] = 2;
     bytes[1] = 0xc3;
-    for (size_t i = 12; i < sizeof bytes; i += sizeof(REAL)) memcpy(bytes + i, &infinite, sizeof(REAL) < sizeof bytes - i ? sizeof(REAL) : sizeof bytes - i);
+    for (size_t i = 12; i < sizeof bytes; i += sizeof(REAL)) memcpy(bytes + i, &infinite, sizeof(REAL));
     V(refused)(&b, bytes, 15, MK_ERROR_LENGTH, 0);
     V(refused)(&b, bytes, size + 1, MK_ERROR_VERSION, 0);
     bytes[0] = 1;

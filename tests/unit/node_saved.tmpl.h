@@ -101,7 +101,9 @@ static void V(blob_length)(void **unused) {
         const size_t length = UNIT(save)(&b.node, blob);
         assert_true(length <= UNIT(blob_max));
         for (size_t i = length; i < sizeof blob; i++) assert_int_equal(blob[i], 0x5a);
-        assert_int_equal(wire_crc_of(blob, length - 4), blob[length - 4] | blob[length - 3] << 8 | blob[length - 2] << 16 | (uint32_t)blob[length - 1] << 24);
+        uint32_t crc;
+        memcpy(&crc, blob + length - 4, 4);
+        assert_int_equal(wire_crc_of(blob, length - 4), crc);
         /* All neighbours foreign and the bound is short of nothing but the own sensor's model. */
         if (kind == 2) assert_int_equal(UNIT(blob_max) - length, sizeof(REAL) * M * N);
     }
