@@ -137,40 +137,51 @@ static void V(stream)(void **unused) {
     assert_int_equal(whole.used, used);
 }
 
+static uint32_t V(items)(const mk_recorder_t *recorder) {
+    uint32_t count = 0;
+    for (size_t at = 0; at < recorder->used; count++) {
+        mk_item_t item;
+        int damaged;
+        const size_t size = mk_item_read(recorder->bytes + at, recorder->used - at, &item, &damaged);
+        assert_true(size > 0);
+        at += size;
+    }
+    return count;
+}
+
 /* Full: closed, and all later items are counted; what is before can be read. Not a byte is written beyond. */
 static void V(full)(void **unused) {
     (void)unused;
-    static V(bench_t) a, b;
+    static V(bench_t) a, b, beside;
     for (size_t capacity = 0; capacity < 3000; capacity += 37) {
         generator_t g = {25};
         uint8_t *const bytes = malloc(capacity + 1);
         assert_non_null(bytes);
         bytes[capacity] = 0x77;
-        mk_recorder_t recorder = {bytes, capacity, 0, 0, 0};
+        mk_recorder_t recorder = {bytes, capacity, 0, 0, 0}, large = {V(memory), sizeof V(memory), 0, 0, 0};
         V(full_bench)(&a, 0);
         V(full_bench)(&b, 0);
+        V(full_bench)(&beside, 0);
         assert_int_equal(UNIT(start)(&a.node, &a.config), MK_OK);
+        assert_int_equal(UNIT(start)(&beside.node, &beside.config), MK_OK);
+        assert_int_equal(UNIT(record)(&beside.node, &large), MK_OK);
         const mk_status_t status = UNIT(record)(&a.node, &recorder);
         if (status != MK_OK) {
             assert_int_equal(status, MK_ERROR_LENGTH);
             assert_null(a.node.node.recorder);
             assert_true(capacity < UNIT(blob_max) + 10);
         } else {
-            uint32_t written = recorder.lost;
-            for (int i = 0; i < 200; i++) {
-                const size_t used = recorder.used;
-                V(happen)(&a, NULL, &g);
-                written += recorder.used > used || recorder.lost > 0;
-                if (recorder.lost && i < 199) {
-                    /* Room again does not open it. */
-                    const uint32_t lost = recorder.lost;
-                    recorder.capacity = capacity - 1;
-                    V(happen)(&a, NULL, &g);
-                    assert_true(recorder.lost >= lost);
-                }
-            }
+            for (int i = 0; i < 200; i++) V(happen)(&a, &beside, &g);
             assert_true(recorder.lost > 0);
+            assert_int_equal(V(items)(&recorder) + recorder.lost, V(items)(&large));
             assert_true(V(replay)(&b, bytes, recorder.used) >= 1);
+            /* Room again does not open it; a new start does. */
+            recorder.used = 0;
+            const uint32_t lost = recorder.lost;
+            for (int i = 0; i < 20; i++) V(happen)(&a, &beside, &g);
+            assert_true(recorder.lost > lost && recorder.used == 0);
+            assert_int_equal(UNIT(record)(&a.node, &recorder), MK_OK);
+            assert_true(recorder.lost == 0 && V(items)(&recorder) == 1);
         }
         assert_int_equal(bytes[capacity], 0x77);
         free(bytes);
