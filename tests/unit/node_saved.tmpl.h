@@ -15,6 +15,9 @@ static void V(full_bench)(V(bench_t) * b, int all_foreign) {
     b->config.foreign = &b->foreign;
 }
 
+/* A function of the node type for the first node, the one for dimensions known at run time only for the second. */
+#define EITHER(function, at_run_time, typed) (i ? MK(mk_node_##function) at_run_time : UNIT(function) typed)
+
 /* Anything that can happen to a node, the same to both; b may be null. What they return must be the same, too. */
 static void V(happen)(V(bench_t) * a, V(bench_t) * b, generator_t *g) {
     V(bench_t) *const both[2] = {a, b};
@@ -33,12 +36,16 @@ static void V(happen)(V(bench_t) * a, V(bench_t) * b, generator_t *g) {
     int status[2] = {0, 0};
     for (int i = 0; i < 2 && both[i]; i++) {
         UNIT(t) *const node = &both[i]->node;
-        if (kind < 8) status[i] = (int)UNIT(accept)(node, wire.bytes, wire.length);
-        else if (kind == 8) status[i] = (int)UNIT(measure)(node, own);
-        else if (kind == 9 && values[15] > 2.4) status[i] = (int)UNIT(advance)(node, node->node.step + 3);
-        else if (kind == 9 && values[15] < -2.4) status[i] = (int)UNIT(set_tolerance)(node, (REAL)0.03);
-        else if (kind == 9 && values[14] > 2.4) status[i] = (int)UNIT(restart)(node, both[i]->x0, both[i]->P0);
-        else status[i] = (int)(second ? UNIT(diffuse)(node) : kind == 9 ? UNIT(incremental_with)(node, own) : UNIT(incremental)(node));
+        REAL work[MK_NODE_WORK(N, M) > MK_NODE_GATE_WORK(N, M) ? MK_NODE_WORK(N, M) : MK_NODE_GATE_WORK(N, M)];
+        const MK_T(mk_node_view) view = UNIT(node_view)(node, work);
+        const uint32_t later = node->node.step + 3;
+        if (kind < 8) status[i] = (int)EITHER(accept, (N, M, SLOTS, &view, wire.bytes, wire.length), (node, wire.bytes, wire.length));
+        else if (kind == 8) status[i] = (int)EITHER(measure, (N, M, &view, own), (node, own));
+        else if (kind == 9 && values[15] > 2.4) status[i] = (int)EITHER(advance, (N, M, SLOTS, &view, later), (node, later));
+        else if (kind == 9 && values[15] < -2.4) status[i] = (int)EITHER(set_tolerance, (&view, (REAL)0.03), (node, (REAL)0.03));
+        else if (kind == 9 && values[14] > 2.4) status[i] = (int)EITHER(restart, (N, SLOTS, &view, a->x0, a->P0), (node, a->x0, a->P0));
+        else if (second) status[i] = (int)EITHER(diffuse, (N, M, SLOTS, &view), (node));
+        else status[i] = (int)(i ? MK(mk_node_incremental)(N, M, SLOTS, &view, kind == 9 ? own : NULL) : UNIT(incremental_with)(node, kind == 9 ? own : NULL));
     }
     if (b) assert_int_equal(status[0], status[1]);
 }
@@ -255,3 +262,4 @@ static void V(of_another)(void **unused) {
 #include "node_recorded.tmpl.h"
 
 #undef OWN
+#undef EITHER
