@@ -12,9 +12,10 @@
  * node, step and stage is a repeat: counted and dropped. Clocks need not agree exactly: a frame one stage ahead is kept for that stage.
  *
  * Steps are counted modulo 2^32. A node that was rebooted or slept is behind its neighbours, and finds out: when, in the step that diffuse
- * ends, more than half of the neighbours that it heard were more than one stage ahead, it goes to the lowest step of those. Up
- * to config.catch_up steps it makes up for, each a prediction without readings; farther behind, it starts again from x0 and P0 at that
- * step. An application that knows the step (from a clock that ran on) calls advance, which does the same.
+ * ends, more than half of the neighbours that it heard were more than one stage ahead, it goes to the lowest step in which those want
+ * frames next: the step of a reading that was heard last, the one after the step of an estimate. Up to config.catch_up steps it makes up
+ * for, each a prediction without readings; farther behind, it starts again from x0 and P0 at that step. An application that knows the step
+ * (from a clock that ran on) calls advance, which does the same.
  *
  * accept treats every byte as hostile. A refused frame changes nothing but its counter and what the rule above knows of steps.
  *
@@ -34,7 +35,8 @@ extern "C" {
 #endif
 
 /* Authenticated frames. Caller's memory; parts of a name_secure_t. The key is in aead->context. A sequence number must never be
-   used twice with one key: give every start a higher one than any before, for example the count of boots in the upper 32 bits. */
+   used twice with one key: give every start a higher one than any before, for example the count of boots in the upper 32 bits. At
+   2^64 - 1 they are used up, and nothing is sent any more. */
 typedef struct {
     const mk_aead_t *aead;
     uint64_t sequence;   /* of the next frame that is sent */
@@ -169,7 +171,7 @@ MK_DECLARE_NODE_CORE(f64)
  *                              target. Returns its length. At any time.
  * name_restore(node, config, blob, length)
  *                              In place of start: the node goes on bit for bit. LENGTH, CHECKSUM, VERSION, SHAPE, MODEL, STRANGER (of another node),
- *                              NOT_FINITE, NOT_POSITIVE_DEFINITE, and those of start.
+ *                              NOT_FINITE, NOT_POSITIVE_DEFINITE, TOLERANCE, IMPLAUSIBLE and ARGUMENT (what it holds is no state), and those of start.
  * name_record(node, recorder)  Empties the recorder and begins a record with the state; null ends it. LENGTH: does not fit.
  *                              Cost: copying and a CRC of every item.
  */
@@ -180,7 +182,7 @@ MK_DECLARE_NODE_CORE(f64)
     typedef struct {                                                                                                          \
         name##_filter_t filter;                                                                                               \
         mk_node_##real##_t node;                                                                                              \
-        uint32_t heard[slot_count]; /* step of the last frame of each neighbour */                                            \
+        uint32_t heard[slot_count]; /* step of the last frame of each neighbour; one more after an early estimate of one ahead */ \
         uint8_t seen[slot_count];   /* in this step: 0 not heard, 1 heard, 2 ahead */                                         \
     } name##_t;                                                                                                               \
     typedef mk_node_config_##real##_t name##_config_t;                                                                        \
@@ -207,13 +209,17 @@ MK_DECLARE_NODE_CORE(f64)
         return mk_node_start_##real(n, m, slot_count, &view, config);                                                         \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_secure(name##_t *f, name##_secure_t *secure, const mk_aead_t *aead, uint64_t sequence) {     \
+        if (!secure) return MK_ERROR_ARGUMENT;                                                                                \
         const mk_node_view_##real##_t view = name##_node_view(f, 0);                                                          \
+        const mk_secure_t before = secure->core;                                                                              \
         secure->core.aead = aead;                                                                                             \
         secure->core.sequence = sequence;                                                                                     \
         secure->core.window = secure->window;                                                                                 \
         secure->core.text = secure->text;                                                                                     \
         secure->core.capacity = (uint16_t)sizeof secure->text;                                                                \
-        return mk_node_secure_##real(&view, &secure->core, slot_count);                                                       \
+        const mk_status_t status = mk_node_secure_##real(&view, &secure->core, slot_count);                                   \
+        if (status != MK_OK) secure->core = before;                                                                           \
+        return status;                                                                                                        \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_measure(name##_t *f, const mk_##real##_t *y) {                                               \
         const mk_node_view_##real##_t view = name##_node_view(f, 0);                                                          \

@@ -67,12 +67,17 @@ mk_status_t MK_F(mk_node_measure)(int n, int m, const MK_F_T(mk_node_view) * vie
     return status;
 }
 
+/* Is this trace of S one that is believed? */
+static int MK_F(mk_node_plausible)(const MK_F_T(mk_node_foreign) * foreign, MK_REAL trace) {
+    return trace <= MK_LARGEST && !(foreign->limit > MK_R(0.0) && trace > foreign->limit);
+}
+
 /* The model of a foreign neighbour into the filter's arrays, so that it is like any other: R = I, F = C' = G', S = G'G. */
 static mk_status_t MK_F(mk_node_put_model)(int n, int m, const MK_F_T(mk_node_foreign) * foreign, int slot, int rows, const MK_REAL *G) {
     const int packed = MK_AT(n, 0);
     MK_REAL trace = MK_R(0.0);
     for (int i = 0; i < rows * n; i++) trace += G[i] * G[i];
-    if (!(trace <= MK_LARGEST) || (foreign->limit > MK_R(0.0) && trace > foreign->limit)) return MK_ERROR_IMPLAUSIBLE;
+    if (!MK_F(mk_node_plausible)(foreign, trace)) return MK_ERROR_IMPLAUSIBLE;
     MK_REAL *const C = foreign->C + slot * m * n, *const F = foreign->F + slot * m * n, *const S = foreign->S + slot * packed;
     for (int i = 0; i < m * n; i++) C[i] = F[i] = i < rows * n ? G[i] : MK_R(0.0);
     for (int i = 0; i < n; i++)
@@ -104,7 +109,9 @@ static mk_status_t MK_F(mk_node_use)(int n, int m, const MK_F_T(mk_node_view) * 
                        : difference < 0x80000000u ? 2
                                                 : -1;
     if (stages >= 2) {
-        if (view->seen[slot] != 2 || frame->step - view->heard[slot] < 0x80000000u) view->heard[slot] = frame->step;
+        /* An estimate ends a step: when this node ends its own, that neighbour is about to begin the next. */
+        const uint32_t next = frame->step + !reading;
+        if (view->seen[slot] != 2 || next - view->heard[slot] < 0x80000000u) view->heard[slot] = next;
         view->seen[slot] = 2;
         return MK_ERROR_AHEAD;
     }
@@ -228,10 +235,12 @@ size_t MK_F(mk_node_frame)(int n, int m, const MK_F_T(mk_node_view) * view, int 
     frame.numbers = config->numbers;
     frame.sealed = node->secure != 0;
     frame.length = (uint16_t)MK_NUMBERS_BYTES(config->numbers, count);
+    mk_secure_t *const secure = node->secure;
     size_t length = 0;
-    if (MK_F(mk_numbers_put)(config->numbers, count, values, mk_frame_payload(bytes, frame.sealed)) == MK_OK)
+    if (!(secure && secure->sequence == UINT64_MAX) &&
+        MK_F(mk_numbers_put)(config->numbers, count, values, mk_frame_payload(bytes, frame.sealed)) == MK_OK)
         /* The sequence number is used up even if the seal fails. */
-        length = mk_frame_write(&frame, bytes, node->secure ? node->secure->aead : 0, node->secure ? node->secure->sequence++ : 0);
+        length = mk_frame_write(&frame, bytes, secure ? secure->aead : 0, secure ? secure->sequence++ : 0);
     if (length == 0) node->unsent++;
     return length;
 }
