@@ -46,7 +46,8 @@ MK_F_T(mk_host_node) * MK_F(mk_host_node_open)(int n, int m, int slots) {
 int MK_F(mk_host_node_equal)(const MK_F_T(mk_host_node) * a, const MK_F_T(mk_host_node) * b) {
     const size_t numbers = (size_t)(a->view.filter.work - a->view.filter.x), slots = (size_t)a->slots;
     const MK_F_T(mk_rkfd) *const one = a->view.filter.core, *const other = b->view.filter.core;
-    return a->view.node->step == b->view.node->step && one->stage == other->stage && one->tolerance == other->tolerance &&
+    return a->view.node->step == b->view.node->step && one->stage == other->stage && one->steady == other->steady &&
+           one->tolerance == other->tolerance &&
            memcmp(a->view.filter.x, b->view.filter.x, numbers * sizeof(MK_REAL)) == 0 &&
            memcmp(a->view.heard, b->view.heard, slots * (sizeof(uint32_t) + 3)) == 0;
 }

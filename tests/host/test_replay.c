@@ -126,10 +126,17 @@ static size_t list(const stream_t *stream, place_t *place, size_t most) {
     return count;
 }
 
-static void repair(stream_t *stream, const place_t *place) {
-    uint8_t *const b = stream->bytes + place->at;
-    const uint32_t crc = mk_crc32(0, b, place->size - 4);
-    for (int i = 0; i < 4; i++) b[place->size - 4 + (size_t)i] = (uint8_t)(crc >> 8 * i);
+static void put_crc(uint8_t *bytes, size_t length) {
+    const uint32_t crc = mk_crc32(0, bytes, length - 4);
+    for (int i = 0; i < 4; i++) bytes[length - 4 + (size_t)i] = (uint8_t)(crc >> 8 * i);
+}
+
+static void repair(stream_t *stream, const place_t *place) { put_crc(stream->bytes + place->at, place->size); }
+
+/* Of a state, which has a CRC inside. */
+static void repair_state(stream_t *stream, const place_t *place) {
+    put_crc(stream->bytes + place->at + ITEM_HEAD, place->item.length);
+    repair(stream, place);
 }
 
 enum { MOST = 20000 };
@@ -173,7 +180,7 @@ static void states_within(void **unused) {
     for (int bits = 32; bits <= 64; bits += 32)
         for (uint32_t seed = 1; seed <= 20; seed++) {
             mk_playback_t p;
-            make(bits, TROUBLE | TIGHT | (seed % 2 ? 0 : STEADY), 120, seed);
+            make(bits, TIGHT | (seed % 2 ? TROUBLE : STEADY), 120, seed);
             memset(&p, 0, sizeof p);
             mk_playback_run(&p, record.bytes, record.used, NULL);
             assert_int_equal(p.end, MK_END_WHOLE);
@@ -189,6 +196,24 @@ static void states_within(void **unused) {
             mk_playback_free(&p);
         }
     assert_true(gaps > 10 && seamless > 10);
+    /* The same step, but x[0], the tolerance or its stage is another. */
+    static const size_t other[] = {20 + 8 * PACKED_N, 20 + 8 * (PACKED_N + N + SLOTS * (M + N)), 0};
+    for (int i = 0; i < 3; i++) {
+        mk_playback_t p;
+        make(64, 0, 8, 1);
+        (void)list(&record, place, MOST);
+        changed.bytes[place[1].at + ITEM_HEAD + (other[i] ? other[i] : place[1].item.length - 4 - 3 * SLOTS - 2)] ^= other[i] ? 1 : 3;
+        repair_state(&changed, &place[1]);
+        append(&record, changed.bytes + place[1].at, place[1].size);
+        memmove(record.bytes + place[2].at, record.bytes + record.used - place[1].size, place[1].size);
+        memset(&p, 0, sizeof p);
+        mk_playback_run(&p, record.bytes, place[2].at + place[1].size, NULL);
+        assert_int_equal(p.end, MK_END_WHOLE);
+        assert_int_equal(p.begins, 2);
+        assert_int_equal(p.begin[1].kind, MK_BEGIN_GAP);
+        assert_int_equal(p.begin[1].step, p.begin[1].from);
+        mk_playback_free(&p);
+    }
 }
 
 /* --- changed --------------------------------------------------------------------------------------------------------------- */
@@ -234,6 +259,11 @@ static void every_bit(void **unused) {
                     continue;
                 }
                 assert_int_equal(p.end, MK_END_WHOLE);
+                if (item->kind == MK_ITEM_FRAME && at < MK_FRAME_HEADER) { /* refused now */
+                    assert_int_equal(p.first.item, k);
+                    assert_string_equal(p.first.what, "status");
+                    continue;
+                }
                 if (input && !is_status) {
                     inputs++;
                     if (!p.differences) continue;
@@ -345,11 +375,8 @@ static void mutations(void **unused) {
                 const int at = draw(12) == 0 ? draw(2) : ITEM_HEAD + draw((int)place[k].item.length);
                 b[at] = draw(2) ? liked[draw((int)sizeof liked)] : (uint8_t)draw(256);
             }
-            if (place[k].item.kind == MK_ITEM_STATE && b[0] == MK_ITEM_STATE) {
-                const uint32_t crc = mk_crc32(0, b + ITEM_HEAD, place[k].item.length - 4);
-                for (int j = 0; j < 4; j++) b[ITEM_HEAD + place[k].item.length - 4 + (size_t)j] = (uint8_t)(crc >> 8 * j);
-            }
-            repair(&changed, &place[k]);
+            if (place[k].item.kind == MK_ITEM_STATE) repair_state(&changed, &place[k]);
+            else repair(&changed, &place[k]);
         }
         const mk_playback_t p = play(&changed, draw(10) ? changed.used : (size_t)draw((int)changed.used), NULL);
         unreadable += p.end == MK_END_UNREADABLE;
