@@ -27,14 +27,16 @@ double mk_bits_value(int bits, uint64_t value);
 /* "incremental" for MK_ITEM_INCREMENTAL; null: no such kind. */
 const char *mk_item_name(int kind);
 
+enum {
+    MK_BEGIN_FIRST,
+    MK_BEGIN_SEAMLESS, /* the replay was in this very state */
+    MK_BEGIN_GAP,      /* it was not: items are missing, or the node was started again */
+    MK_BEGIN_OTHER     /* of another configuration than before */
+};
+
 /* A state in the record, from which the replay goes on. */
 typedef struct {
-    enum {
-        MK_BEGIN_FIRST,
-        MK_BEGIN_SEAMLESS, /* the replay was in this very state */
-        MK_BEGIN_GAP,      /* it was not: items are missing, or the node was restarted */
-        MK_BEGIN_OTHER     /* of another configuration than before */
-    } kind;
+    int kind; /* MK_BEGIN_ */
     size_t item, offset;
     uint32_t step, from; /* of the state; where the replay stood */
 } mk_begin_t;
