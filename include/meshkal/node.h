@@ -111,7 +111,7 @@ typedef struct {
         uint8_t *seen;   /* slots */                                                                                          \
     } mk_node_view_##real##_t;                                                                                                \
                                                                                                                               \
-    /* The same functions for dimensions known at run time only; view.filter.work holds MK_NODE_WORK and MK_NODE_GATE_WORK numbers. */ \
+    /* The same functions for dimensions known at run time only; view.filter.work: the larger of MK_NODE_WORK and MK_NODE_GATE_WORK. */ \
     mk_status_t mk_node_start_##real(int n, int m, int slots, const mk_node_view_##real##_t *view,                            \
                                      const mk_node_config_##real##_t *config);                                                \
     mk_status_t mk_node_secure_##real(const mk_node_view_##real##_t *view, mk_secure_t *secure, int slots);                   \
@@ -239,12 +239,19 @@ MK_DECLARE_NODE_CORE(f64)
     MK_NOINLINE mk_status_t name##_step_incremental(name##_t *f, const mk_##real##_t *input) {                                \
         return name##_filter_incremental(&f->filter, input);                                                                  \
     }                                                                                                                         \
+    /* These have scratch memory of their own, which must be off the stack again before a step takes its own. */              \
+    MK_NOINLINE void name##_judge_readings(name##_t *f) {                                                                     \
+        mk_##real##_t work[MK_NODE_GATE_WORK(n, m)];                                                                          \
+        const mk_node_view_##real##_t view = name##_node_view(f, work);                                                       \
+        mk_node_judge_readings_##real(n, m, slot_count, &view);                                                               \
+    }                                                                                                                         \
+    MK_NOINLINE mk_status_t name##_begin_advance(name##_t *f, uint32_t step) {                                                \
+        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                               \
+        const mk_node_view_##real##_t view = name##_node_view(f, work);                                                       \
+        return mk_node_begin_advance_##real(n, slot_count, &view, step);                                                      \
+    }                                                                                                                         \
     MK_NOINLINE mk_status_t name##_run_incremental(name##_t *f, const mk_##real##_t *input) {                                 \
-        if (f->node.config && f->node.config->gate) {                                                                         \
-            mk_##real##_t work[MK_NODE_GATE_WORK(n, m)];                                                                      \
-            const mk_node_view_##real##_t view = name##_node_view(f, work);                                                   \
-            mk_node_judge_readings_##real(n, m, slot_count, &view);                                                           \
-        }                                                                                                                     \
+        if (f->node.config && f->node.config->gate) name##_judge_readings(f);                                                 \
         return name##_step_incremental(f, input);                                                                             \
     }                                                                                                                         \
     MK_NOINLINE mk_status_t name##_run_diffuse(name##_t *f) {                                                                 \
@@ -255,12 +262,7 @@ MK_DECLARE_NODE_CORE(f64)
         return status;                                                                                                        \
     }                                                                                                                         \
     MK_NOINLINE mk_status_t name##_run_advance(name##_t *f, uint32_t step) {                                                  \
-        mk_status_t status;                                                                                                   \
-        {                                                                                                                     \
-            mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                           \
-            const mk_node_view_##real##_t view = name##_node_view(f, work);                                                   \
-            status = mk_node_begin_advance_##real(n, slot_count, &view, step);                                                \
-        }                                                                                                                     \
+        mk_status_t status = name##_begin_advance(f, step);                                                                   \
         while (status == MK_OK && f->node.step != step) {                                                                     \
             status = name##_run_incremental(f, 0);                                                                            \
             if (status == MK_OK) status = name##_run_diffuse(f);                                                              \
