@@ -239,7 +239,7 @@ MK_DECLARE_NODE_CORE(f64)
     MK_NOINLINE mk_status_t name##_step_incremental(name##_t *f, const mk_##real##_t *input) {                                \
         return name##_filter_incremental(&f->filter, input);                                                                  \
     }                                                                                                                         \
-    /* These have scratch memory of their own, which must be off the stack again before a step takes its own. */              \
+    /* Also apart: their scratch memory is not on the stack beside that of the steps. */                                      \
     MK_NOINLINE void name##_judge_readings(name##_t *f) {                                                                     \
         mk_##real##_t work[MK_NODE_GATE_WORK(n, m)];                                                                          \
         const mk_node_view_##real##_t view = name##_node_view(f, work);                                                       \
@@ -250,7 +250,7 @@ MK_DECLARE_NODE_CORE(f64)
         const mk_node_view_##real##_t view = name##_node_view(f, work);                                                       \
         return mk_node_begin_advance_##real(n, slot_count, &view, step);                                                      \
     }                                                                                                                         \
-    MK_NOINLINE mk_status_t name##_run_incremental(name##_t *f, const mk_##real##_t *input) {                                 \
+    MK_INLINE mk_status_t name##_run_incremental(name##_t *f, const mk_##real##_t *input) {                                   \
         if (f->node.config && f->node.config->gate) name##_judge_readings(f);                                                 \
         return name##_step_incremental(f, input);                                                                             \
     }                                                                                                                         \
