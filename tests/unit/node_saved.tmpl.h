@@ -224,6 +224,26 @@ static void V(repaired)(void **unused) {
     }
 }
 
+/* Flags that no node has: its stage, and of each slot what has come and what is known of its step. */
+static void V(bad_flags)(void **unused) {
+    (void)unused;
+    static V(bench_t) b;
+    static uint8_t blob[UNIT(blob_max)];
+    const size_t length = V(some_blob)(&b, blob), flags = length - 4 - 3 * SLOTS;
+    for (size_t i = 0; i < 3 * SLOTS + 1; i++) {
+        const size_t place = i ? flags + i - 1 : flags - 2;
+        const int least = i ? 0 : 1, most = i == 0 || i % 3 != 2 ? 2 : 1;
+        for (int value = 0; value < 256; value++) {
+            const uint8_t kept = blob[place];
+            blob[place] = (uint8_t)value;
+            wire_repair(blob, length);
+            if (value < least || value > most) V(refused_blob)(&b, blob, length, MK_ERROR_ARGUMENT);
+            else assert_int_equal(UNIT(restore)(&b.node, &b.config, blob, length), MK_OK);
+            blob[place] = kept;
+        }
+    }
+}
+
 /* Of another model, node, network, precision or version. */
 static void V(of_another)(void **unused) {
     (void)unused;
