@@ -213,7 +213,8 @@ static void V(repaired)(void **unused) {
     }
     const size_t place[] = {0, 2, 5, 6 + N + SLOTS * (M + N), 6 + N + SLOTS * (M + N) + 4};
     const double bad[] = {-1.0, 0.0, -1e-3, -0.5, 100.0};
-    const mk_status_t status[] = {MK_ERROR_NOT_POSITIVE_DEFINITE, MK_ERROR_NOT_POSITIVE_DEFINITE, MK_ERROR_NOT_POSITIVE_DEFINITE, MK_ERROR_TOLERANCE, MK_ERROR_IMPLAUSIBLE};
+    const mk_status_t status[] = {MK_ERROR_NOT_POSITIVE_DEFINITE, MK_ERROR_NOT_POSITIVE_DEFINITE, MK_ERROR_NOT_POSITIVE_DEFINITE,
+                                  MK_ERROR_TOLERANCE, MK_ERROR_IMPLAUSIBLE};
     for (int i = 0; i < 5; i++) {
         static uint8_t copy[sizeof blob];
         const REAL number = (REAL)bad[i];
@@ -252,7 +253,8 @@ static void V(of_another)(void **unused) {
     static const struct {
         int byte;
         mk_status_t status;
-    } place[] = {{3, MK_ERROR_VERSION}, {0, MK_ERROR_VERSION}, {4, MK_ERROR_SHAPE}, {5, MK_ERROR_SHAPE}, {6, MK_ERROR_SHAPE}, {8, MK_ERROR_SHAPE}, {10, MK_ERROR_SHAPE},
+    } place[] = {{3, MK_ERROR_VERSION}, {0, MK_ERROR_VERSION}, {4, MK_ERROR_SHAPE}, {5, MK_ERROR_SHAPE},
+                 {6, MK_ERROR_SHAPE}, {8, MK_ERROR_SHAPE}, {10, MK_ERROR_SHAPE},
                  {12, MK_ERROR_STRANGER}, {13, MK_ERROR_STRANGER}, {14, MK_ERROR_MODEL}, {17, MK_ERROR_MODEL}};
     const size_t length = V(some_blob)(&b, blob);
     for (size_t i = 0; i < sizeof place / sizeof *place; i++) {
