@@ -46,7 +46,7 @@ MK_INLINE void V(bench_make)(V(bench_t) * b, int own, int first, int second, int
         b->rows[l] = (uint8_t)V(sensor)(number[l], b->C + l * M * N, R);
         assert_int_equal(MK(mk_rkfd_sensor)(N, M, b->rows[l], b->C + l * M * N, R, b->F + l * M * N, b->S + l * 6, b->R_inverse + l * 3, work), MK_OK);
     }
-    const MK_T(mk_rkfd_config) filter = {N, M, SLOTS, b->A, b->Q, b->r, b->x0, b->P0, b->weight, b->rows, b->C, b->F, b->S, b->R_inverse, (REAL)0.02};
+    const MK_T(mk_rkfd_config) filter = {N, M, SLOTS, b->A, b->Q, b->r, b->x0, b->P0, b->weight, b->rows, b->C, b->F, b->S, b->R_inverse, (REAL)0.02, NULL};
     b->config.filter = filter;
     b->config.nodes = b->nodes;
     b->config.model = MODEL;
