@@ -111,7 +111,7 @@ typedef struct {
         uint8_t *seen;   /* slots */                                                                                          \
     } mk_node_view_##real##_t;                                                                                                \
                                                                                                                               \
-    /* The same functions for dimensions known at run time only; view.filter.work holds MK_NODE_WORK and MK_NODE_GATE_WORK numbers. */ \
+    /* The same functions for dimensions known at run time only; view.filter.work: the larger of MK_NODE_WORK and MK_NODE_GATE_WORK. */ \
     mk_status_t mk_node_start_##real(int n, int m, int slots, const mk_node_view_##real##_t *view,                            \
                                      const mk_node_config_##real##_t *config);                                                \
     mk_status_t mk_node_secure_##real(const mk_node_view_##real##_t *view, mk_secure_t *secure, int slots);                   \

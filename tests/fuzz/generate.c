@@ -48,6 +48,7 @@ static size_t draw_call(generator_t *g, unsigned settings, uint8_t *bytes) {
         length = draw_numbers(g, settings & SETTING_WIDE ? 1 : 0, 2, bytes + 2);
     } else if (kind == CALL_SAVE) {
         length = draw_chance(g, 0.5) ? 0 : 3;
+        if (draw_chance(g, 0.3)) bytes[4] = 0;
     }
     bytes[1] = (uint8_t)length;
     return 2 + length;

@@ -18,7 +18,7 @@ enum {
     CALL_STEP,        /* incremental or diffuse, what is next */
     CALL_ADVANCE,     /* steps */
     CALL_SEND,        /* frames of both stages */
-    CALL_SAVE,        /* save, spoil these places (2 bytes, and 1 to xor), repair the CRC, restore */
+    CALL_SAVE,        /* save, spoil these places (2 bytes, and 1 to xor; with 0 the next 8 become 0xff), repair the CRC, restore */
     CALL_RESTORE,     /* restore of these bytes */
     CALL_ITEMS,       /* a record */
     CALL_WRONG_ORDER, /* incremental or diffuse, what is not next */

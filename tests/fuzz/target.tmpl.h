@@ -4,13 +4,14 @@ typedef struct {
     V(bench_t) b;
     UNIT(secure_t) secure;
     mk_recorder_t recorder;
-    uint8_t record[4096];
+    uint8_t record[2500];
 } V(fuzzed_t);
 
 static void V(sane)(const V(bench_t) * b) {
     for (int i = 0; i < N; i++) MUST(isfinite(b->node.filter.x[i]));
     for (int i = 0; i < 6; i++) MUST(isfinite(b->node.filter.W[i]));
     for (int i = 0; i < N; i++) MUST(b->node.filter.W[MK_PACKED(i) + i] > (REAL)0.0);
+    for (int i = 0; i < SLOTS * 6; i++) MUST(isfinite(b->S[i]));
     for (int l = 0; l < SLOTS; l++) MUST(b->node.filter.have_y[l] <= 2 && b->node.filter.have_psi[l] <= 1 && b->node.seen[l] <= 2);
     MUST(b->node.filter.core.stage == 1 || b->node.filter.core.stage == 2);
 }
@@ -140,7 +141,11 @@ static void V(call)(V(fuzzed_t) * f, int kind, const uint8_t *data, size_t size)
     case CALL_SAVE: {
         const size_t length = UNIT(save)(node, bytes);
         MUST(length > 0 && length <= UNIT(blob_max));
-        for (size_t i = 0; i + 3 <= size; i += 3) bytes[((size_t)data[i] << 8 | data[i + 1]) % length] ^= data[i + 2];
+        for (size_t i = 0; i + 3 <= size; i += 3) {
+            const size_t place = ((size_t)data[i] << 8 | data[i + 1]) % length;
+            bytes[place] ^= data[i + 2];
+            if (data[i + 2] == 0) memset(bytes + place, 0xff, length - place < 8 ? length - place : 8);
+        }
         wire_repair(bytes, length);
         V(restore)(f, bytes, length);
         break;
@@ -193,7 +198,7 @@ static void V(run)(unsigned settings, const uint8_t *data, size_t size) {
         const size_t length = data[1] < size - 2 ? data[1] : size - 2;
         V(call)(&f, data[0] % CALL_COUNT, data + 2, length);
         MUST(f.recorder.used <= f.recorder.capacity);
-        if (f.recorder.used > sizeof f.record / 2) {
+        if (f.recorder.used > 2300) {
             V(call)(&f, CALL_ITEMS, f.record, f.recorder.used);
             if (settings & SETTING_MODEL) f.recorder.used = 0;
         }

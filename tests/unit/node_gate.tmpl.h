@@ -251,7 +251,8 @@ static void V(square_root)(void **unused) {
                 for (int j = 0; j <= N; j++) { /* column N: z beside y */
                     double found = 0.0, exact = 0.0, size = 0.0;
                     for (int r = 0; r < rows; r++) {
-                        const double left = V(decode)(format, bytes + 12, r * N + i), right = V(decode)(format, bytes + 12, j < N ? r * N + j : rows * N + r);
+                        const double left = V(decode)(format, bytes + 12, r * N + i),
+                                     right = V(decode)(format, bytes + 12, j < N ? r * N + j : rows * N + r);
                         found += left * right;
                         size += fabs(left * right);
                         for (int s = 0; s < rows; s++) exact += C[r * N + i] * R_inverse[r * rows + s] * (j < N ? C[s * N + j] : y[s]);

@@ -213,7 +213,8 @@ static void V(repaired)(void **unused) {
     }
     const size_t place[] = {0, 2, 5, 6 + N + SLOTS * (M + N), 6 + N + SLOTS * (M + N) + 4};
     const double bad[] = {-1.0, 0.0, -1e-3, -0.5, 100.0};
-    const mk_status_t status[] = {MK_ERROR_NOT_POSITIVE_DEFINITE, MK_ERROR_NOT_POSITIVE_DEFINITE, MK_ERROR_NOT_POSITIVE_DEFINITE, MK_ERROR_TOLERANCE, MK_ERROR_IMPLAUSIBLE};
+    const mk_status_t status[] = {MK_ERROR_NOT_POSITIVE_DEFINITE, MK_ERROR_NOT_POSITIVE_DEFINITE, MK_ERROR_NOT_POSITIVE_DEFINITE,
+                                  MK_ERROR_TOLERANCE, MK_ERROR_IMPLAUSIBLE};
     for (int i = 0; i < 5; i++) {
         static uint8_t copy[sizeof blob];
         const REAL number = (REAL)bad[i];
@@ -221,6 +222,26 @@ static void V(repaired)(void **unused) {
         memcpy(copy + 20 + place[i] * sizeof(REAL), &number, sizeof number);
         wire_repair(copy, length);
         V(refused_blob)(&b, copy, length, status[i]);
+    }
+}
+
+/* Flags that no node has: its stage, and of each slot what has come and what is known of its step. */
+static void V(bad_flags)(void **unused) {
+    (void)unused;
+    static V(bench_t) b;
+    static uint8_t blob[UNIT(blob_max)];
+    const size_t length = V(some_blob)(&b, blob), flags = length - 4 - 3 * SLOTS;
+    for (size_t i = 0; i < 3 * SLOTS + 1; i++) {
+        const size_t place = i ? flags + i - 1 : flags - 2;
+        const int least = i ? 0 : 1, most = i == 0 || i % 3 != 2 ? 2 : 1;
+        for (int value = 0; value < 256; value++) {
+            const uint8_t kept = blob[place];
+            blob[place] = (uint8_t)value;
+            wire_repair(blob, length);
+            if (value < least || value > most) V(refused_blob)(&b, blob, length, MK_ERROR_ARGUMENT);
+            else assert_int_equal(UNIT(restore)(&b.node, &b.config, blob, length), MK_OK);
+            blob[place] = kept;
+        }
     }
 }
 
@@ -232,7 +253,8 @@ static void V(of_another)(void **unused) {
     static const struct {
         int byte;
         mk_status_t status;
-    } place[] = {{3, MK_ERROR_VERSION}, {0, MK_ERROR_VERSION}, {4, MK_ERROR_SHAPE}, {5, MK_ERROR_SHAPE}, {6, MK_ERROR_SHAPE}, {8, MK_ERROR_SHAPE}, {10, MK_ERROR_SHAPE},
+    } place[] = {{3, MK_ERROR_VERSION}, {0, MK_ERROR_VERSION}, {4, MK_ERROR_SHAPE}, {5, MK_ERROR_SHAPE},
+                 {6, MK_ERROR_SHAPE}, {8, MK_ERROR_SHAPE}, {10, MK_ERROR_SHAPE},
                  {12, MK_ERROR_STRANGER}, {13, MK_ERROR_STRANGER}, {14, MK_ERROR_MODEL}, {17, MK_ERROR_MODEL}};
     const size_t length = V(some_blob)(&b, blob);
     for (size_t i = 0; i < sizeof place / sizeof *place; i++) {

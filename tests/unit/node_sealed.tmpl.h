@@ -70,7 +70,8 @@ static void V(altered)(void **unused) {
         wire.bytes[byte] ^= (uint8_t)(1u << bit % 8);
         const unsigned type = wire.bytes[1];
         if (byte == 1) {
-            status = type >= 64 || (type & 3u) == 3 || (type & 3u) == 0 || (type >> 2 & 3u) == 3 || (type & 16u && (type & 3u) == 2) ? MK_ERROR_TYPE : MK_ERROR_FORGED;
+            status = type >= 64 || (type & 3u) == 3 || (type & 3u) == 0 || (type >> 2 & 3u) == 3 ||
+                             (type & 16u && (type & 3u) == 2) ? MK_ERROR_TYPE : MK_ERROR_FORGED;
             if (!(type & 32u)) status = MK_ERROR_CHECKSUM;
         }
         /* Another neighbour's name: its key is the same, but the header is not what was sealed. */
@@ -204,6 +205,39 @@ static void V(last_sequence)(void **unused) {
         assert_true(sequence == UINT64_MAX - 3 + (uint64_t)i);
     }
     assert_int_equal(b.node.node.unsent, 20 - log.count + log.failures);
+    /* 0 is a number like any other. */
+    assert_int_equal(UNIT(secure)(&b.node, &secure, &V(aead), 0), MK_OK);
+    assert_true(UNIT(frame)(&b.node, 1, bytes) > 0);
+    assert_true(bytes[12] == 0 && UNIT(frame)(&b.node, 1, bytes) > 0 && bytes[12] == 1);
+}
+
+/* A record holds what was opened, as a plain frame without CRC, also of frames that were then refused; forged ones it does not hold. */
+static void V(recorded)(void **unused) {
+    (void)unused;
+    static V(bench_t) b;
+    static UNIT(secure_t) secure;
+    static uint8_t record[4096];
+    mk_recorder_t recorder = {record, sizeof record, 0, 0, 0};
+    wire_t wire, plain;
+    V(secured)(&b, &secure);
+    assert_int_equal(UNIT(record)(&b.node, &recorder), MK_OK);
+    for (int late = 0; late < 2; late++) {
+        recorder.used = 0;
+        wire_sealed(&wire, 2, OWN, 0, 12, MODEL, late ? UINT32_MAX : 0, N, V(numbers), V(key), 7 + (uint64_t)late);
+        wire_plain(&plain, 2, OWN, 0, 12, MODEL, late ? UINT32_MAX : 0, N, V(numbers));
+        wire.bytes[21] ^= 1;
+        V(refused)(&b, wire.bytes, wire.length, MK_ERROR_FORGED, 0);
+        wire.bytes[21] ^= 1;
+        assert_int_equal(recorder.used, 0);
+        assert_int_equal(V(give)(&b, wire.bytes, wire.length), late ? MK_ERROR_LATE : MK_OK);
+        mk_item_t item;
+        int damaged;
+        assert_int_equal(mk_item_read(record, recorder.used, &item, &damaged), recorder.used);
+        assert_int_equal(item.kind, MK_ITEM_FRAME);
+        assert_int_equal(item.status, late ? MK_ERROR_LATE : MK_OK);
+        assert_int_equal(item.length, plain.length - 4);
+        assert_memory_equal(item.content, plain.bytes, item.length);
+    }
 }
 
 /* A refused call leaves the node with the key that it had. */
@@ -226,6 +260,10 @@ static void V(secure_statuses)(void **unused) {
     assert_memory_equal(&kept, &secure, sizeof kept);
     wire_sealed(&wire, 2, OWN, 0, 11, MODEL, 0, N, V(numbers), V(key), 7);
     V(taken)(&b, wire.bytes, wire.length);
+    V(refused)(&b, wire.bytes, wire.length, MK_ERROR_REPLAYED, 0);
+    /* A call that is taken begins anew: numbers that were seen under the key before mean nothing under this one. */
+    assert_int_equal(UNIT(secure)(&b.node, &secure, &V(aead), 1), MK_OK);
+    V(refused)(&b, wire.bytes, wire.length, MK_ERROR_REPEATED, 1);
     V(bench_make)(&b, 10, 11, 12, 13);
     assert_int_equal(UNIT(secure)(&b.node, &secure, &V(aead), 1), MK_ERROR_ARGUMENT);
 }

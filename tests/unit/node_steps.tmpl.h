@@ -222,6 +222,11 @@ static void V(application_advances)(void **unused) {
     assert_int_equal(UNIT(advance)(&b.node, 0x8000000fu), MK_OK);
     assert_int_equal(b.node.node.step, 0x8000000fu);
     assert_memory_equal(b.node.filter.x, b.x0, sizeof b.x0);
+    /* Neighbours that were ahead before the application went past them are not ahead any more. */
+    V(all_from)(&b, 2, 0x8000002fu, MK_ERROR_AHEAD);
+    assert_int_equal(UNIT(advance)(&b.node, 0x80000040u), MK_OK);
+    V(step)(&b);
+    assert_int_equal(b.node.node.step, 0x80000041u);
 }
 
 /* A model that runs away while steps are made up for: the steps before the error are done, the estimate is finite. */

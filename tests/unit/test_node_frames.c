@@ -6,7 +6,8 @@
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        EACH(sent), EACH(taken_numbers), EACH(truncated), EACH(flipped), EACH(oversized), EACH(each_cause), EACH(in_order), EACH(bad_numbers), EACH(not_started), EACH(bad_configuration),
+        EACH(sent), EACH(taken_numbers), EACH(truncated), EACH(flipped), EACH(oversized), EACH(each_cause), EACH(in_order),
+        EACH(bad_numbers), EACH(not_started), EACH(bad_configuration),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -8,7 +8,8 @@
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        EACH(goes_on), EACH(blob_length), EACH(cut_or_flipped), EACH(repaired), EACH(of_another), EACH(recorded), EACH(stream), EACH(full),
+        EACH(goes_on), EACH(blob_length), EACH(cut_or_flipped), EACH(repaired), EACH(bad_flags), EACH(of_another),
+        EACH(recorded), EACH(stream), EACH(full),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -41,7 +41,8 @@ static void window(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(window), EACH(bytes_on_the_air), EACH(altered), EACH(replayed), EACH(wrong_kind), EACH(nonces), EACH(last_sequence), EACH(secure_statuses),
+        cmocka_unit_test(window), EACH(bytes_on_the_air), EACH(altered), EACH(replayed), EACH(wrong_kind), EACH(nonces),
+        EACH(recorded), EACH(last_sequence), EACH(secure_statuses),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
