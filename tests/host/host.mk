@@ -46,7 +46,7 @@ $(HOST_PLAIN)/monocypher.o $(HOST_SANE)/monocypher.o: $(MONOCYPHER)/monocypher.c
 	@mkdir -p $(@D)
 	@$(CC) $(CFLAGS) $(HOST_SANITIZE) -c $< -o $@
 $(HOST_PLAIN)/test_aead_monocypher $(HOST_SANE)/test_aead_monocypher: %/test_aead_monocypher: $(HOST_TEST)/test_aead_monocypher.c \
-		port/monocypher/aead_monocypher.c port/monocypher/aead_monocypher.h include/meshkal/frame.h %/monocypher.o
+		port/monocypher/aead_monocypher.c port/host/aead_sodium.c port/host/error.c port/monocypher/aead_monocypher.h port/host/aead_sodium.h %/monocypher.o
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $(HOST_SANITIZE) $(HOST_INCLUDE) $(MONOCYPHER_INCLUDE) $(filter %.c %.o,$^) -lcmocka -lsodium -o $@
 
