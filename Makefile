@@ -104,7 +104,7 @@ reproduce: all ## the published experiment over 30 random draws (DRAWS=N): table
 # --- test and bench --------------------------------------------------------------------------------------------------------
 
 SANITIZE = -O1 -fsanitize=address,undefined -fno-sanitize-recover=all
-include port/monocypher/monocypher.mk tests/unit/unit.mk tests/host/host.mk tests/mpi/mpi.mk tests/bench/bench.mk tests/package/package.mk tests/firmware/firmware.mk
+include port/monocypher/monocypher.mk tests/unit/unit.mk tests/host/host.mk tests/mpi/mpi.mk tests/bench/bench.mk tests/package/package.mk tests/firmware/firmware.mk tests/firmware/sealed.mk
 
 # Every suite runs twice: as users build it, and with the sanitizers.
 test: all mpi firmware ## all tests, plain and under ASan and UBSan; last line: N passed, N failed
