@@ -12,9 +12,10 @@
  * node, step and stage is a repeat: counted and dropped. Clocks need not agree exactly: a frame one stage ahead is kept for that stage.
  *
  * Steps are counted modulo 2^32. A node that was rebooted or slept is behind its neighbours, and finds out: when, in the step that diffuse
- * ends, more than half of the neighbours that it heard were more than one stage ahead, it goes to the lowest step of those. Up
- * to config.catch_up steps it makes up for, each a prediction without readings; farther behind, it starts again from x0 and P0 at that
- * step. An application that knows the step (from a clock that ran on) calls advance, which does the same.
+ * ends, more than half of the neighbours that it heard were more than one stage ahead, it goes to the lowest step in which those want
+ * frames next: the step of a reading that was heard last, the one after the step of an estimate. Up to config.catch_up steps it makes up
+ * for, each a prediction without readings; farther behind, it starts again from x0 and P0 at that step. An application that knows the step
+ * (from a clock that ran on) calls advance, which does the same.
  *
  * accept treats every byte as hostile. A refused frame changes nothing but its counter and what the rule above knows of steps.
  *
@@ -52,7 +53,7 @@ typedef struct {
                                                                           : MK_RKFD_PREDICT_WORK(n, m) + (m) + MK_PACKED(m))
 /* Bytes of a saved state, at most; `size` is that of a number. */
 #define MK_NODE_BLOB(size, n, m, slots)                                                                                       \
-    (80 + 4 * MK_STATUS_COUNT + 7 * (slots) + (size) * (4 + (n) + MK_PACKED(n) + (slots) * ((m) + (n) + (m) * (n))))
+    (83 + 4 * MK_STATUS_COUNT + 7 * (slots) + (size) * (4 + (n) + MK_PACKED(n) + (slots) * ((m) + (n) + (m) * (n))))
 
 #define MK_DECLARE_NODE_CORE(real)                                                                                            \
     /* Refusal of what the filter does not expect. Readings are judged when stage 1 ends, by e' (C V C' + R)^-1 e with e = y - C x      \
@@ -173,14 +174,14 @@ MK_DECLARE_NODE_CORE(f64)
  * name_record(node, recorder)  Empties the recorder and begins a record with the state; null ends it. LENGTH: does not fit.
  *                              Cost: copying and a CRC of every item.
  */
-#define MK_NODE(name, real, n, m, slots) MK_NODE_TYPE(name, real, n, m, slots, mk_rkfd_)
+#define MK_NODE(name, real, n, m, slots) MK_NODE_TYPE(name, real, n, m, slots, mk_rkfd_, MK_RKFD_STEP)
 
-#define MK_NODE_TYPE(name, real, n, m, slot_count, kernel)                                                                    \
-    MK_RKFD_TYPE(name##_filter, real, n, m, slot_count, kernel);                                                              \
+#define MK_NODE_TYPE(name, real, n, m, slot_count, kernel, STEP)                                                              \
+    MK_RKFD_TYPE(name##_filter, real, n, m, slot_count, kernel, STEP);                                                        \
     typedef struct {                                                                                                          \
         name##_filter_t filter;                                                                                               \
         mk_node_##real##_t node;                                                                                              \
-        uint32_t heard[slot_count]; /* step of the last frame of each neighbour */                                            \
+        uint32_t heard[slot_count]; /* step of the last frame of each neighbour; one more after an early estimate of one ahead */ \
         uint8_t seen[slot_count];   /* in this step: 0 not heard, 1 heard, 2 ahead */                                         \
     } name##_t;                                                                                                               \
     typedef mk_node_config_##real##_t name##_config_t;                                                                        \

@@ -5,7 +5,8 @@
 
 /* Monocypher's own sequence of messages gives each a new key; RFC 8439 is its first message, so every message begins a sequence. */
 
-static int seal(void *context, const uint8_t nonce[12], const uint8_t *header, size_t header_length, uint8_t *text, size_t length, uint8_t tag[16]) {
+static int seal(void *context, const uint8_t nonce[12], const uint8_t *header, size_t header_length, uint8_t *text, size_t length,
+                uint8_t tag[16]) {
     crypto_aead_ctx message;
     crypto_aead_init_ietf(&message, context, nonce);
     crypto_aead_write(&message, text, tag, header, header_length, text, length);

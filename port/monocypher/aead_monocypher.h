@@ -31,7 +31,7 @@ extern "C" {
 
 enum { MK_MONOCYPHER_KEY = 32 };
 
-/* The key of `aead` is `key` itself, which must stay, in RAM or in flash. crypto_wipe of Monocypher zeroes it when it is no longer needed. */
+/* The key of `aead` is `key` itself, which must stay, in RAM or flash. crypto_wipe of Monocypher zeroes one that is no longer needed. */
 void mk_aead_monocypher(mk_aead_t *aead, const uint8_t key[MK_MONOCYPHER_KEY]);
 
 #ifdef __cplusplus

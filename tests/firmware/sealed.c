@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* Node 0 of sealed.h on the target. Command line: NAME FILE. Writes the stack that sealing and opening need, and how much agreed. sealed_size.py
-   counts instructions between the markers. */
+/* Node 0 of sealed.h on the target. Command line: NAME FILE. Writes the stack that sealing and opening need, and how much agreed.
+   sealed_size.py counts instructions between the markers. */
 #include "sealed.h"
 
 #include <string.h>
@@ -78,8 +78,9 @@ static void messages(void) {
     }
 }
 
-/* --- what sealing leaves on the stack, and what it costs: frames with 40 bytes of payload, ten float32 --------------------------------------------- */
+/* --- what sealing leaves on the stack, and what it costs --------------------------------------------------------------------- */
 
+/* Payload of 40 bytes: ten float32. */
 enum { PAYLOAD = 40 };
 static uint32_t secret[8 + 16 + 8]; /* the key; of one message only: the key stream, the key of Poly1305 */
 

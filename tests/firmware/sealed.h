@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * Sealed frames between a target and a host. sealed_write.c, on the host, runs two nodes that talk in frames sealed by libsodium, and
- * writes what they sent; sealed.c, the image, is node 0 on Monocypher: it must open what node 1 sent, and send what node 0 sent, to the byte.
+ * writes what they sent; sealed.c, the image, is node 0 on Monocypher: it must open what node 1 sent, and send what node 0 sent, to
+ * the byte.
  * The file begins with SEALED_MESSAGES messages without a node:
  *     lengths of header and text (2 + 2), nonce (12), header, text, text encrypted, tag (16)
  * then for each step frames of reading and of estimate, of each the one of node 1 and the one of node 0: length (2), bytes.

@@ -1,13 +1,19 @@
 # SPDX-License-Identifier: MIT
-"""What sealing costs on every target: flash, stack, instructions for 40 bytes of text under a header of 20. Usage: sealed_size.py BUILD
+"""What sealing costs on every target: flash, stack, instructions for 40 bytes of text under a header of 20.
+Usage: sealed_size.py BUILD [--check]
 
-Runs the images of sealed.mk under QEMU with the instruction counter of size/count.c and writes a Markdown table.
+Runs the images of sealed.mk under QEMU with the instruction counter of size/count.c and writes a Markdown table. --check compares with
+LIMITS: a line "ok" or "not ok" for each target.
 """
 import pathlib
 import re
 import subprocess
 import sys
 
+# Flash, stack and instructions of the costlier of seal and open, as measured; allowed is MARGIN more.
+LIMITS = {"m0": (2961, 684, 16455), "m4f": (2653, 524, 8293), "m7": (2657, 524, 8292), "m33": (2653, 524, 8292),
+          "rv32imac": (3475, 468, 11264), "rv32imafc": (3421, 468, 11264)}
+MARGIN = 0.03
 MARKERS = ["nothing", "seal", "open", "forged"]
 
 
@@ -28,9 +34,10 @@ def flash(image):
 
 
 def instructions(build, image, prefix, emulator):
-    symbols = {fields[2]: fields[0] for fields in (line.split() for line in run([prefix + "nm", image]).splitlines()) if len(fields) == 3}
+    lines = (line.split() for line in run([prefix + "nm", image]).splitlines())
+    symbols = {fields[2]: fields[0] for fields in lines if len(fields) == 3}
     out = build / "firmware" / "sealed" / "counts"
-    plugin = [f"{build}/firmware/sealed/count.so", f"out={out}", f"end=0x{symbols['sealed_end']}"]
+    plugin = [f"{build}/size/count.so", f"out={out}", f"end=0x{symbols['sealed_end']}"]
     plugin += [f"begin=0x{symbols['sealed_begin_' + name]}" for name in MARKERS]
     arguments = f",arg=sealed,arg={build}/firmware/sealed/sealed.bin"
     text = run((emulator + arguments).split() + ["-plugin", ",".join(plugin), "-kernel", image])
@@ -39,15 +46,25 @@ def instructions(build, image, prefix, emulator):
     return counts, [int(word) for word in re.search(r"^stack (\d+) (\d+)$", text, re.M).groups()]
 
 
+def check(target, measured):
+    grown = [f"{what}: {limit} has grown to {value}" for what, limit, value in
+             zip(("flash, bytes", "stack, bytes", "instructions"), LIMITS[target], measured) if value > limit * (1 + MARGIN)]
+    print(f"not ok: sealing on {target}: {'; '.join(grown)}, allowed {100 * MARGIN:g} %" if grown else f"ok: sealing on {target}")
+
+
 def main():
-    build = pathlib.Path(sys.argv[1])
-    print("| target | flash | 64-bit multiplication | stack: seal, open | instructions: seal | open | refuse |\n|---|---|---|---|---|---|---|")
+    build, checks = pathlib.Path(sys.argv[1]), "--check" in sys.argv
+    if not checks:
+        print("| target | flash | 64-bit multiplication | stack: seal, open | instructions: seal | open | refuse |\n|---|---|---|---|---|---|---|")
     for line in (build / "firmware" / "targets").read_text().splitlines():
         target, emulator, prefix, _ = line.split("|")
         image = build / "firmware" / target / "sealed-f32.elf"
         own, multiplication = flash(image)
         counts, stack = instructions(build, image, prefix, emulator)
-        print(f"| {target} | {own} | {multiplication or ''} | {stack[0]}, {stack[1]} | {counts['seal']} | {counts['open']} | {counts['forged']} |")
+        if checks:
+            check(target, (own, max(stack), max(counts.values())))
+        else:
+            print(f"| {target} | {own} | {multiplication or ''} | {stack[0]}, {stack[1]} | {counts['seal']} | {counts['open']} | {counts['forged']} |")
 
 
 if __name__ == "__main__":

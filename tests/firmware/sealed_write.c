@@ -51,8 +51,8 @@ static void frames(const mk_aead_t *aead) {
     static node00_secure_t here_secure;
     static node01_secure_t there_secure;
     expect(node00_start(&here, &node00_config) == MK_OK && node01_start(&there, &node01_config) == MK_OK, "a node does not start");
-    expect(node00_secure(&here, &here_secure, aead, sealed_sequence) == MK_OK && node01_secure(&there, &there_secure, aead, sealed_sequence) == MK_OK,
-           "a node cannot be made secure");
+    expect(node00_secure(&here, &here_secure, aead, sealed_sequence) == MK_OK, "node 0 cannot be made secure");
+    expect(node01_secure(&there, &there_secure, aead, sealed_sequence) == MK_OK, "node 1 cannot be made secure");
     for (uint32_t step = 0; step < SEALED_STEPS; step++) {
         mk_f32_t y[2];
         sealed_reading(0, step, y);
@@ -69,8 +69,9 @@ static void frames(const mk_aead_t *aead) {
                 put_length(length[k]);
                 put(bytes[k], length[k]);
             }
-            if (stage == MK_STAGE_MEASUREMENT) expect(node00_incremental(&here) == MK_OK && node01_incremental(&there) == MK_OK, "a step fails");
-            else expect(node00_diffuse(&here) == MK_OK && node01_diffuse(&there) == MK_OK, "diffusion fails");
+            const int reading = stage == MK_STAGE_MEASUREMENT;
+            expect((reading ? node00_incremental(&here) : node00_diffuse(&here)) == MK_OK, "a step of node 0 fails");
+            expect((reading ? node01_incremental(&there) : node01_diffuse(&there)) == MK_OK, "a step of node 1 fails");
         }
     }
 }

@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include "commands.h"
+#include "design/steady.h"
 #include "json_out.h"
 #include "parallel.h"
 #include "signals.h"
@@ -14,7 +15,8 @@
 #define HORIZON_MARGIN 100
 
 typedef struct {
-    const char *filter, *steps, *seed, *runs, *real, *loss, *tolerance, *measurements, *truth, *horizon, *out, *json, *threads, *resume, *split;
+    const char *filter, *steps, *seed, *runs, *real, *loss, *tolerance, *measurements, *truth, *horizon, *out, *json, *threads, *resume, *split,
+        *frozen, *arrivals;
 } arguments_t;
 
 static int read_arguments(int argc, char **argv, int alone, arguments_t *a, const char **path, mk_error_t *error) {
@@ -22,7 +24,8 @@ static int read_arguments(int argc, char **argv, int alone, arguments_t *a, cons
                                    {"runs", &a->runs, NULL},     {"real", &a->real, NULL},           {"loss", &a->loss, NULL},
                                    {"tolerance", &a->tolerance, NULL}, {"measurements", &a->measurements, NULL}, {"truth", &a->truth, NULL},
                                    {"horizon", &a->horizon, NULL},     {"out", &a->out, NULL},                   {"json", &a->json, NULL},
-                                   {"threads", &a->threads, NULL},     {"resume", &a->resume, NULL},
+                                   {"threads", &a->threads, NULL},     {"resume", &a->resume, NULL},           {"frozen", &a->frozen, NULL},
+                                   {"arrivals", &a->arrivals, NULL},
                                    {alone ? NULL : "split", &a->split, NULL}, {NULL, NULL, NULL}};
     return mk_parse_options(argc, argv, options, "the scenario file", path, error);
 }
@@ -56,7 +59,15 @@ static int set_campaign(mk_campaign_t *c, const arguments_t *a, const mk_scenari
     if (a->measurements && c->runs != 1) return mk_fail(error, "--runs: recorded measurements can be run once only");
     if (a->resume && a->out) return mk_fail(error, "--resume keeps figures, not logs: leave --out away");
     if (a->resume && a->measurements) return mk_fail(error, "--resume: recorded measurements are one run");
+    if (a->arrivals && a->loss) return mk_fail(error, "--loss: with --arrivals the file says what is lost");
+    if (a->arrivals && c->runs != 1) return mk_fail(error, "--runs: recorded arrivals can be run once only");
+    if (a->arrivals && a->resume) return mk_fail(error, "--resume: recorded arrivals are one run");
     if (!mk_filter_find(a->filter ? a->filter : "rkfdnu2", &c->filter, error)) return 0;
+    if (a->arrivals && (!c->filter || c->filter->central))
+        return mk_fail(error, "--arrivals is for one distributed filter; choose one with --filter");
+    if (!mk_option_real("frozen", a->frozen, MK_LEAST_CLOSE, MK_MOST_CLOSE, &c->frozen, error)) return 0;
+    if (a->frozen && c->filter && c->filter->mode == MK_TOLERANCE_SCHEDULE)
+        return mk_fail(error, "--frozen: %s has another tolerance at every step, so its gain is not constant", c->filter->name);
     if (!c->filter && a->out) return mk_fail(error, "--out: a log holds one filter; choose one with --filter");
     if (s->nodes > UINT16_MAX && (!c->filter || c->filter->central))
         return mk_fail(error, "a centralised filter takes at most %d nodes, not %d", UINT16_MAX, s->nodes);
@@ -84,11 +95,21 @@ static int open_source(mk_source_t *source, mk_campaign_t *c, const arguments_t 
     return mk_source_draw_worst(source, c->scenario, c->seed, c->tolerance, (int)horizon, error);
 }
 
+static int read_arrivals(mk_arrivals_t *arrivals, mk_campaign_t *c, const arguments_t *a, mk_error_t *error) {
+    if (!a->arrivals) return 1;
+    if (!mk_arrivals_read(arrivals, c->scenario, c->steps, a->arrivals, error)) return 0;
+    c->arrivals = arrivals;
+    c->loss = arrivals->missing;
+    return 1;
+}
+
 /* Everything that decides the numbers of a run, but the filter and the recorded files. */
 static void identify(char *text, size_t room, const mk_campaign_t *c, const mk_source_t *source) {
-    (void)snprintf(text, room, "meshkal " MK_VERSION " scenario %s seed %llu steps %d loss %.17g tolerance %.17g real %s truth %s horizon %d",
+    char frozen[40] = "";
+    if (c->frozen > 0.0) (void)snprintf(frozen, sizeof frozen, " frozen %.17g", c->frozen);
+    (void)snprintf(text, room, "meshkal " MK_VERSION " scenario %s seed %llu steps %d loss %.17g tolerance %.17g real %s truth %s horizon %d%s",
                    c->scenario->sha256, (unsigned long long)c->seed, c->steps, c->loss, c->tolerance, c->network->name, mk_truth_name(source->truth),
-                   source->worst.horizon);
+                   source->worst.horizon, frozen);
 }
 
 /* Runs the campaign's filter, or all of them if it has none, into the table and the JSON list. An exit status. */
@@ -149,19 +170,21 @@ int mk_command_simulate(int argc, char **argv, struct mk_team *given) {
     mk_scenario_t scenario;
     mk_campaign_t c;
     mk_source_t source;
-    char identity[512] = "", shares[768];
+    mk_arrivals_t arrivals;
+    char identity[512] = "", shares[896];
     const char *path;
     int interrupted = 0, status = MK_EXIT_INPUT;
     memset(&a, 0, sizeof a);
     memset(&c, 0, sizeof c);
     memset(&scenario, 0, sizeof scenario);
     memset(&source, 0, sizeof source);
+    memset(&arrivals, 0, sizeof arrivals);
     int good = read_arguments(argc, argv, !given, &a, &path, &error) && mk_scenario_load(&scenario, path, &error) &&
-               set_campaign(&c, &a, &scenario, team, &error) && open_source(&source, &c, &a, &error);
+               set_campaign(&c, &a, &scenario, team, &error) && open_source(&source, &c, &a, &error) && read_arrivals(&arrivals, &c, &a, &error);
     if (good) identify(identity, sizeof identity, &c, &source);
-    (void)snprintf(shares, sizeof shares, "%s data %s filter %s runs %d threads %d split %s out %d json %d resume %d", identity,
-                   source.sha256[0] ? source.sha256 : "drawn", c.filter ? c.filter->name : "all", c.runs, c.threads, c.split_nodes ? "nodes" : "runs",
-                   a.out != NULL, a.json != NULL, a.resume != NULL);
+    (void)snprintf(shares, sizeof shares, "%s data %s arrivals %s filter %s runs %d threads %d split %s out %d json %d resume %d", identity,
+                   source.sha256[0] ? source.sha256 : "drawn", arrivals.sha256[0] ? arrivals.sha256 : "drawn", c.filter ? c.filter->name : "all", c.runs,
+                   c.threads, c.split_nodes ? "nodes" : "runs", a.out != NULL, a.json != NULL, a.resume != NULL);
     good = team->agree(team, good, &error) && team->same(team, shares, &error);
     if (good) {
         if (!a.out) mk_scenario_drop_text(&scenario);
@@ -174,6 +197,7 @@ int mk_command_simulate(int argc, char **argv, struct mk_team *given) {
         good = status == 0;
     }
     if (!good && team->rank == 0) (void)mk_complain(&error, status);
+    mk_arrivals_free(&arrivals);
     mk_source_free(&source);
     mk_scenario_free(&scenario);
     return good && interrupted ? MK_EXIT_FAILED : status;

@@ -1,15 +1,14 @@
 /* SPDX-License-Identifier: MIT */
 /* Everything of the filter object but its two hot steps: start, inputs, queries. Compiled once, with run-time dimensions. */
 
-/* result := S^-1, packed, by way of work (3 MK_PACKED(n)); result is written on success only and may be S. */
+/* result := S^-1, packed, by way of work (MK_PACKED(n)); result is written on success only and may be S or work. */
 static mk_status_t MK_F(mk_invert)(int n, const MK_REAL *S, MK_REAL *result, MK_REAL *work) {
     const int packed = MK_AT(n, 0);
-    MK_REAL *const L = work, *const K = L + packed, *const Z = K + packed;
     if (!MK_F(mk_all_finite)(packed, S)) return MK_ERROR_NOT_FINITE;
-    memcpy(L, S, (size_t)packed * sizeof *L);
-    if (!MK_F(mk_inverse)(n, L, K, Z)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
-    if (!MK_F(mk_all_finite)(packed, Z)) return MK_ERROR_NOT_FINITE;
-    memcpy(result, Z, (size_t)packed * sizeof *Z);
+    if (!MK_F(mk_positive_definite)(n, S, work)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    MK_F(mk_ldl_invert)(n, work);
+    if (!MK_F(mk_all_finite)(packed, work)) return MK_ERROR_NOT_FINITE;
+    for (int i = 0; i < packed; i++) result[i] = work[i];
     return MK_OK;
 }
 
@@ -49,6 +48,7 @@ mk_status_t MK_F(mk_rkfd_sensor)(int n, int m, int rows, const MK_REAL *C, const
 
 mk_status_t MK_F(mk_rkfd_set_tolerance)(MK_F_T(mk_rkfd) * core, MK_REAL tolerance) {
     if (!(tolerance >= MK_R(0.0) && tolerance * MK_R(0.0) == MK_R(0.0))) return MK_ERROR_TOLERANCE;
+    if (tolerance != core->tolerance) core->steady = 0;
     core->tolerance = tolerance;
     return MK_OK;
 }
@@ -70,6 +70,17 @@ static mk_status_t MK_F(mk_rkfd_check)(int n, int m, int slots, const MK_F_T(mk_
     return MK_OK;
 }
 
+static mk_status_t MK_F(mk_rkfd_check_steady)(int n, int m, int slots, const MK_F_T(mk_rkfd_steady) * steady, MK_REAL *work) {
+    if (!steady) return MK_OK;
+    if (!steady->Phi || !steady->G || !steady->W) return MK_ERROR_ARGUMENT;
+    const MK_REAL numbers[3] = {steady->theta, steady->trace_P, steady->close};
+    if (!MK_F(mk_all_finite)(n * n, steady->Phi) || !MK_F(mk_all_finite)(slots * m * n, steady->G) ||
+        !MK_F(mk_all_finite)(MK_AT(n, 0), steady->W) || !MK_F(mk_all_finite)(3, numbers))
+        return MK_ERROR_NOT_FINITE;
+    if (!(steady->close > MK_R(0.0)) || steady->theta < MK_R(0.0) || steady->period < 1) return MK_ERROR_ARGUMENT;
+    return MK_F(mk_positive_definite)(n, steady->W, work) ? MK_OK : MK_ERROR_NOT_POSITIVE_DEFINITE;
+}
+
 static mk_status_t MK_F(mk_rkfd_reset)(int n, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *x0, const MK_REAL *P0) {
     if (!x0 || !P0) return MK_ERROR_ARGUMENT;
     if (!MK_F(mk_all_finite)(n, x0)) return MK_ERROR_NOT_FINITE;
@@ -83,6 +94,7 @@ static mk_status_t MK_F(mk_rkfd_reset)(int n, int slots, const MK_F_T(mk_rkfd_vi
 mk_status_t MK_F(mk_rkfd_start)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view,
                                 const MK_F_T(mk_rkfd_config) * config) {
     mk_status_t status = MK_F(mk_rkfd_check)(n, m, slots, config);
+    if (status == MK_OK) status = MK_F(mk_rkfd_check_steady)(n, m, slots, config->steady, view->work);
     if (status != MK_OK) return status;
     MK_F_T(mk_rkfd) core;
     memset(&core, 0, sizeof core);
@@ -101,8 +113,11 @@ mk_status_t MK_F(mk_rkfd_start)(int n, int m, int slots, const MK_F_T(mk_rkfd_vi
 mk_status_t MK_F(mk_rkfd_restart)(int n, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *x0, const MK_REAL *P0) {
     if (view->core->stage == 0) return MK_ERROR_ORDER;
     const mk_status_t status = MK_F(mk_rkfd_reset)(n, slots, view, x0, P0);
-    if (status == MK_OK) view->core->stage = 1;
-    return status;
+    if (status != MK_OK) return status;
+    view->core->stage = 1;
+    view->core->steady = 0;
+    view->core->frozen = 0;
+    return MK_OK;
 }
 
 /* An input arrived and is refused: counted, and seen in the faults of the step. */
@@ -139,6 +154,23 @@ mk_status_t MK_F(mk_rkfd_put_estimate)(int n, const MK_F_T(mk_rkfd_view) * view,
 
 mk_status_t MK_F(mk_rkfd_incremental)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *input) {
     return MK_F(mk_inline_rkfd_incremental)(n, m, slots, view, input);
+}
+
+void MK_F(mk_rkfd_settle)(int n, int complete, MK_F_T(mk_rkfd) * core, MK_REAL *W, MK_REAL *work) {
+    const MK_F_T(mk_rkfd_steady) *const steady = core->config->steady;
+    core->frozen = 0;
+    core->steady = 0;
+    /* Not without all readings, however little they weigh: a filter that lost one for good would be put back at every step. */
+    if (!complete || core->tolerance != core->config->tolerance) return;
+    for (int i = 0; i < n; i++) {
+        work[i] = MK_F(mk_sqrt)(steady->W[MK_AT(i, i)]);
+        for (int j = 0; j <= i; j++) {
+            const MK_REAL apart = W[MK_AT(i, j)] - steady->W[MK_AT(i, j)], limit = steady->close * work[i] * work[j];
+            if (!(apart <= limit && -apart <= limit)) return;
+        }
+    }
+    for (int i = 0; i < MK_AT(n, 0); i++) W[i] = steady->W[i];
+    core->steady = steady->period;
 }
 
 mk_status_t MK_F(mk_rkfd_diffuse)(int n, int slots, const MK_F_T(mk_rkfd_view) * view) {
@@ -180,17 +212,18 @@ mk_status_t MK_F(mk_rkfd_predict)(int n, int m, const MK_F_T(mk_rkfd_view) * vie
 }
 
 /* Row r of (y_l - C_l x) - C_l d; without C_l x where the slot holds an innovation. */
-static MK_REAL MK_F(mk_rkfd_residual)(int n, int m, const MK_F_T(mk_rkfd_view) * view, int slot, int r, const MK_REAL *d) {
-    const MK_REAL *const C = view->core->config->C + (slot * m + r) * n;
+static MK_REAL MK_F(mk_rkfd_residual)(int n, const MK_REAL *C, int is_innovation, MK_REAL y, const MK_REAL *x, const MK_REAL *d) {
     MK_REAL predicted = MK_R(0.0), corrected = MK_R(0.0);
     for (int j = 0; j < n; j++) {
-        if (view->have_y[slot] == 1) predicted += C[j] * view->x[j];
+        if (!is_innovation) predicted += C[j] * x[j];
         corrected += C[j] * d[j];
     }
-    return (view->y[slot * m + r] - predicted) - corrected;
+    return (y - predicted) - corrected;
 }
 
-MK_REAL MK_F(mk_rkfd_exact_nis)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *L, MK_REAL *b) {
+MK_PART MK_REAL MK_F(mk_rkfd_squares)(const MK_F_T(mk_rkfd_config) * config, const MK_REAL *x, const MK_REAL *W, const MK_REAL *y,
+                                      const uint8_t *have_y, const MK_REAL *L, MK_REAL *b) {
+    const int n = config->n, m = config->m;
     MK_REAL sum = MK_R(0.0);
     /* d = L^-T D^-1 b, from the last row up. */
     for (int i = n - 1; i >= 0; i--) {
@@ -198,13 +231,32 @@ MK_REAL MK_F(mk_rkfd_exact_nis)(int n, int m, int slots, const MK_F_T(mk_rkfd_vi
         for (int k = i + 1; k < n; k++) b[i] -= L[MK_AT(k, i)] * b[k];
     }
     for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++) sum += b[i] * view->W[i > j ? MK_AT(i, j) : MK_AT(j, i)] * b[j];
-    for (int l = 0; l < slots; l++) {
-        const MK_REAL *const R_inverse = view->core->config->R_inverse + l * MK_AT(m, 0);
-        for (int r = 0; r < m && view->have_y[l]; r++)
+        for (int j = 0; j < n; j++) sum += b[i] * W[i > j ? MK_AT(i, j) : MK_AT(j, i)] * b[j];
+    for (int l = 0; l < config->slots; l++) {
+        const MK_REAL *const R_inverse = config->R_inverse + l * MK_AT(m, 0), *const C = config->C + l * m * n;
+        for (int r = 0; r < m && have_y[l]; r++)
             for (int s = 0; s < m; s++)
-                sum += MK_F(mk_rkfd_residual)(n, m, view, l, r, b) * R_inverse[r > s ? MK_AT(r, s) : MK_AT(s, r)] *
-                       MK_F(mk_rkfd_residual)(n, m, view, l, s, b);
+                sum += MK_F(mk_rkfd_residual)(n, C + r * n, have_y[l] == 2, y[l * m + r], x, b) *
+                       R_inverse[r > s ? MK_AT(r, s) : MK_AT(s, r)] *
+                       MK_F(mk_rkfd_residual)(n, C + s * n, have_y[l] == 2, y[l * m + s], x, b);
     }
     return sum >= MK_R(0.0) && sum * MK_R(0.0) == MK_R(0.0) ? sum : MK_LARGEST;
+}
+
+MK_REAL MK_F(mk_rkfd_exact_nis)(const MK_F_T(mk_rkfd_config) * config, const MK_REAL *x, const MK_REAL *W, const MK_REAL *y,
+                                const uint8_t *have_y, const MK_REAL *L, MK_REAL *b) {
+    return MK_F(mk_rkfd_squares)(config, x, W, y, have_y, L, b);
+}
+
+MK_REAL MK_F(mk_rkfd_exact_nis_anew)(const MK_F_T(mk_rkfd_config) * config, const MK_REAL *x, const MK_REAL *W, const MK_REAL *y,
+                                     const uint8_t *have_y, MK_REAL *work) {
+    const int n = config->n, m = config->m;
+    MK_REAL *const L = work, *const b = L + MK_AT(n, 0), *const e = b + n;
+    for (int i = 0; i < MK_AT(n, 0); i++) L[i] = W[i];
+    for (int i = 0; i < n; i++) b[i] = MK_R(0.0);
+    for (int l = 0; l < config->slots; l++)
+        if (have_y[l]) (void)MK_F(mk_rkfd_gather)(n, m, config, l, have_y[l] == 2, x, y + l * m, e, L, b);
+    (void)MK_F(mk_ldl)(n, L); /* positive definite: the step has seen it */
+    MK_F(mk_ldl_forward)(n, 1, L, b);
+    return MK_F(mk_rkfd_squares)(config, x, W, y, have_y, L, b);
 }
