@@ -55,7 +55,8 @@ def check(target, measured):
 def main():
     build, checks = pathlib.Path(sys.argv[1]), "--check" in sys.argv
     if not checks:
-        print("| target | flash | 64-bit multiplication | stack: seal, open | instructions: seal | open | refuse |\n|---|---|---|---|---|---|---|")
+        print("| target | flash | 64-bit multiplication | stack: seal, open | instructions: seal | open | refuse |")
+        print("|---|---|---|---|---|---|---|")
     for line in (build / "firmware" / "targets").read_text().splitlines():
         target, emulator, prefix, _ = line.split("|")
         image = build / "firmware" / target / "sealed-f32.elf"
@@ -64,7 +65,8 @@ def main():
         if checks:
             check(target, (own, max(stack), max(counts.values())))
         else:
-            print(f"| {target} | {own} | {multiplication or ''} | {stack[0]}, {stack[1]} | {counts['seal']} | {counts['open']} | {counts['forged']} |")
+            cells = [target, own, multiplication or "", f"{stack[0]}, {stack[1]}", counts["seal"], counts["open"], counts["forged"]]
+            print("| " + " | ".join(map(str, cells)) + " |")
 
 
 if __name__ == "__main__":
