@@ -104,8 +104,8 @@ reproduce: all ## the published experiment over 30 random draws (DRAWS=N): table
 # --- test and bench --------------------------------------------------------------------------------------------------------
 
 SANITIZE = -O1 -fsanitize=address,undefined -fno-sanitize-recover=all
-include tests/unit/unit.mk tests/host/host.mk tests/mpi/mpi.mk tests/bench/bench.mk tests/package/package.mk \
-  tests/firmware/firmware.mk tests/firmware/demo/demo.mk tests/firmware/size/size.mk tests/fuzz/fuzz.mk
+include port/monocypher/monocypher.mk tests/unit/unit.mk tests/host/host.mk tests/mpi/mpi.mk tests/bench/bench.mk tests/package/package.mk \
+  tests/firmware/firmware.mk tests/firmware/demo/demo.mk tests/firmware/size/size.mk tests/firmware/sealed.mk tests/fuzz/fuzz.mk
 
 # Every suite runs twice: as users build it, and with the sanitizers.
 test: all mpi firmware demo-firmware-parts size-images ## all tests, plain and under ASan and UBSan; last line: N passed, N failed
@@ -115,7 +115,7 @@ test: all mpi firmware demo-firmware-parts size-images ## all tests, plain and u
 	  py:pytest:$(PROGRAM):tests/reference,tests/host,tests/mpi,tests/lab,tests/rerun,tests/reproduce \
 	  py:pytest-sanitized:$(BUILD)/sanitize/meshkal:tests/reference,tests/host,tests/mpi \
 	  $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) $(MPI_TEST_PROGRAMS) $(FUZZ_TEST_PROGRAMS) $(PACKAGE_TESTS) \
-	  sh:tests/firmware/firmware.sh sh:tests/firmware/demo/demo.sh sh:tests/firmware/size/size.sh
+	  sh:tests/firmware/firmware.sh sh:tests/firmware/demo/demo.sh sh:tests/firmware/size/size.sh sh:tests/firmware/sealed.sh
 
 bench: | $(SETUP) ## a node step beside Eigen and LAPACKE, analyze against nodes, simulate against processes: tables, build/bench/*.json
 
