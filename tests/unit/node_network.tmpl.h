@@ -5,6 +5,7 @@ typedef struct {
     UNIT(filter_t) filter;
     uint32_t step;
     int second; /* between incremental and diffuse */
+    int left_behind;
     REAL y[SLOTS][M], psi[SLOTS][N];
     int have_y[SLOTS], have_psi[SLOTS], heard[SLOTS], is_ahead[SLOTS];
     uint32_t next[SLOTS]; /* step that a neighbour which is ahead begins after what it sent */
@@ -40,6 +41,7 @@ static void V(mirror_restart)(V(bench_t) * b, V(mirror_t) * mirror, uint32_t ste
     memset(mirror->have_psi, 0, sizeof mirror->have_psi);
     mirror->step = step;
     mirror->second = 0;
+    mirror->left_behind = 0;
 }
 
 static void V(mirror_incremental)(V(mirror_t) * mirror) {
@@ -73,7 +75,10 @@ static void V(mirror_diffuse)(V(net_t) * net, V(bench_t) * b, V(mirror_t) * mirr
     }
     memset(mirror->heard, 0, sizeof mirror->heard);
     memset(mirror->is_ahead, 0, sizeof mirror->is_ahead);
-    if (2 * ahead <= heard) return;
+    if (ahead > 0) mirror->left_behind++;
+    else if (heard > 0) mirror->left_behind = 0;
+    if (ahead == 0 || (2 * ahead < heard && mirror->left_behind < MK_NODE_LEFT_BEHIND)) return;
+    mirror->left_behind = 0;
     net->jumps++;
     if (least > b->config.catch_up) {
         const uint32_t step = mirror->step + least;
@@ -92,7 +97,7 @@ static mk_status_t V(mirror_accept)(V(net_t) * net, V(mirror_t) * mirror, const 
     mirror->heard[slot] = 1;
     if ((int32_t)(event->step - mirror->step) < 0 || stages < 0) return MK_ERROR_LATE;
     if (stages > 1) {
-        const uint32_t next = event->step + (event->stage == 2);
+        const uint32_t next = event->step + (event->stage == 2 || !mirror->second);
         if (!mirror->is_ahead[slot] || (int32_t)(next - mirror->next[slot]) > 0) mirror->next[slot] = next;
         mirror->is_ahead[slot] = 1;
         return MK_ERROR_AHEAD;
@@ -259,6 +264,33 @@ static void V(stormy)(void **unused) {
         assert_true(net->early > 50 && net->jumps >= 12);
         assert_true(net->worst_way_back <= 10);
         free(net);
+    }
+}
+
+/* Whichever nodes are rebooted together, all are in step again: a network cannot fall apart. */
+static void V(rebooted_together)(void **unused) {
+    (void)unused;
+    static V(bench_t) b[NODES];
+    for (unsigned set = 1; set < (1u << NODES) - 1; set++) {
+        for (int k = 0; k < NODES; k++) V(bench_start)(&b[k], 10 + k, 10 + (k + 1) % NODES, 10 + (k + 5) % NODES, 10 + (k + 3) % NODES);
+        for (int t = 0; t < 60; t++) {
+            for (int k = 0; k < NODES && t == 20; k++)
+                if (set >> k & 1u) assert_int_equal(UNIT(start)(&b[k].node, &b[k].config), MK_OK);
+            for (int k = 0; k < NODES; k++) {
+                const REAL y[M] = {(REAL)0.1, (REAL)0.2};
+                assert_int_equal(UNIT(measure)(&b[k].node, y), MK_OK);
+            }
+            for (int stage = 1; stage <= 2; stage++) {
+                uint8_t bytes[NODES][UNIT(frame_max)];
+                size_t length[NODES];
+                for (int k = 0; k < NODES; k++) length[k] = UNIT(frame)(&b[k].node, stage, bytes[k]);
+                for (int k = 0; k < NODES; k++)
+                    for (int l = 1; l < SLOTS; l++)
+                        (void)UNIT(accept)(&b[k].node, bytes[b[k].nodes[l] - 10], length[b[k].nodes[l] - 10]);
+                for (int k = 0; k < NODES; k++) assert_int_equal(stage == 1 ? UNIT(incremental)(&b[k].node) : UNIT(diffuse)(&b[k].node), MK_OK);
+            }
+        }
+        for (int k = 0; k < NODES; k++) assert_int_equal(b[k].node.node.step, 60);
     }
 }
 

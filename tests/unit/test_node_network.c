@@ -8,6 +8,6 @@ enum { NODES = 6, STAGES = 800, MOST_EVENTS = 512 };
 #include "node_variants.h"
 
 int main(void) {
-    const struct CMUnitTest tests[] = {EACH(calm), EACH(stormy), EACH(around_zero)};
+    const struct CMUnitTest tests[] = {EACH(calm), EACH(stormy), EACH(rebooted_together), EACH(around_zero)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

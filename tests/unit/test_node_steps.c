@@ -8,6 +8,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         EACH(early), EACH(late), EACH(slept), EACH(rebooted), EACH(majority), EACH(alone),
         EACH(application_advances), EACH(error_in_catching_up), EACH(failed_step),
+        EACH(left_behind), EACH(goes_on), EACH(silence),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

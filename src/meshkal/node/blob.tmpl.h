@@ -50,6 +50,7 @@ static void MK_F(mk_node_walk)(int n, int m, int slots, const MK_F_T(mk_node_vie
     mk_blob_u16(blob, &core->faults);
     mk_blob_u16(blob, &node->gated);
     mk_blob_u16(blob, &node->gated_steps);
+    mk_blob_u16(blob, &node->left_behind);
     mk_blob_u16(blob, &core->steady);
     mk_blob_u8(blob, &core->frozen);
     mk_blob_u8(blob, &core->stage);
@@ -69,7 +70,7 @@ static int MK_F(mk_node_blob_numbers)(int n, int m, int slots, const MK_F_T(mk_n
 }
 
 static size_t MK_F(mk_node_blob_length)(int n, int m, int slots, const MK_F_T(mk_node_config) * config) {
-    return MK_BLOB_HEADER + 40 + 4 * MK_STATUS_COUNT + 19 + 7 * (size_t)slots + 4 +
+    return MK_BLOB_HEADER + 40 + 4 * MK_STATUS_COUNT + 21 + 7 * (size_t)slots + 4 +
            sizeof(MK_REAL) * (size_t)MK_F(mk_node_blob_numbers)(n, m, slots, config);
 }
 

@@ -109,8 +109,8 @@ static mk_status_t MK_F(mk_node_use)(int n, int m, const MK_F_T(mk_node_view) * 
                        : difference < 0x80000000u ? 2
                                                 : -1;
     if (stages >= 2) {
-        /* An estimate ends a step: when this node ends its own, that neighbour is about to begin the next. */
-        const uint32_t next = frame->step + !reading;
+        /* Where that neighbour will be when this node ends its step: a step farther, unless it began one only after this node's stage 1. */
+        const uint32_t next = frame->step + !(reading && filter->core->stage == 2);
         if (view->seen[slot] != 2 || next - view->heard[slot] < 0x80000000u) view->heard[slot] = next;
         view->seen[slot] = 2;
         return MK_ERROR_AHEAD;
