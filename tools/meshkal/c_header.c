@@ -9,9 +9,6 @@
 #include "design/node_config.h"
 #include "file.h"
 
-/* A node that is farther behind starts again: after that many predictions without readings little is left of its estimate. */
-#define MK_CATCH_UP 32
-
 #define MK_BITS 32
 #include <meshkal/real.h>
 #define MK_REAL_SUFFIX "f32"

@@ -7,6 +7,9 @@
 
 #include "scenario.h"
 
+/* A node that is farther behind starts again: after that many predictions without readings little is left of its estimate. */
+#define MK_CATCH_UP 32
+
 /* Who listens to whom: slots of estimator e are slot[first[e]] .. slot[first[e + 1] - 1], numbers of nodes. A network may be kept in parts:
    then id names the estimators of this part, those that hear only their like first. */
 typedef struct {
