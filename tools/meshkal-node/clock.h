@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /* Steps out of the time of day, so that nodes agree on them without a master. Step s lasts from epoch + s period to epoch + (s + 1) period: readings
-   first, then estimates. Times are nanoseconds since 1970. */
+   first, then estimates. Times are nanoseconds since 1970.
+   Before the epoch nodes wait: then x0 and P0 are those of step 0. */
 #ifndef MESHKAL_NODE_CLOCK_H
 #define MESHKAL_NODE_CLOCK_H
 

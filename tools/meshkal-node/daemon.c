@@ -70,15 +70,17 @@ static int make_object(mk_daemon_t *d, mk_error_t *error) {
     d->clock.period = s->period_ns;
     d->clock.epoch = s->epoch_ns;
     d->clock.first = (int64_t)((double)s->period_ns * s->split);
-    if (mk_clock_now() < s->epoch_ns) return mk_settings_bad(s, "clock.epoch_s", error, "lies in the future");
     const mk_status_t status = d->kind->start(d->object);
     return status == MK_OK || mk_fail(error, "%s: node %d cannot start in float%d: %s", s->scenario, s->node, s->bits, mk_status_name(status));
 }
 
 /* The object's step as one that is not modulo 2^32, near that of the clock. */
 static int join_in(mk_daemon_t *d, mk_error_t *error) {
-    const int64_t at = mk_clock_step(&d->clock, mk_clock_now());
-    if (mk_daemon_restore(d)) {
+    const int64_t clock = mk_clock_step(&d->clock, mk_clock_now()), at = clock > 0 ? clock : 0;
+    const int restored = mk_daemon_restore(d);
+    d->before = d->kind->look(d->object);
+    memcpy(d->counts_before, d->before.counts, sizeof d->counts_before);
+    if (restored) {
         const int64_t behind = (int32_t)(uint32_t)((uint32_t)at - d->kind->look(d->object).step);
         if (d->kind->look(d->object).stage == 2 && d->kind->diffuse(d->object) != MK_OK) (void)d->kind->restart(d->object);
         if (behind < 0 && -behind <= d->settings.catch_up) {

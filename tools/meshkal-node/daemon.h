@@ -40,6 +40,8 @@ typedef struct {
     mk_telemetry_t telemetry;
     mk_keys_t keys;
     mk_tally_t tally;
+    mk_object_look_t before; /* counters that came with a restored state: of earlier lives */
+    uint32_t counts_before[MK_STATUS_COUNT];
     uint8_t *frame, *blob, *datagram;
     int signals; /* descriptor */
 } mk_daemon_t;

@@ -25,13 +25,13 @@ void mk_daemon_report(const mk_daemon_t *d) {
     PUT("meshkal-node %d: step %" PRId64 "\n", d->settings.node, d->step);
     PUT("  steps done %" PRIu64 ", left out %" PRIu64 " in %" PRIu64 " jumps, of the neighbours' clocks %" PRIu64 " in %" PRIu64 ", clock put back %" PRIu64 "\n",
         t->steps, t->jumped, t->jumps, t->pulled_steps, t->pulled, t->put_back);
-    PUT("  made up for %" PRIu32 ", started again after long silence %" PRIu32 ", by the gate %" PRIu32 ", after failures %" PRIu64 "\n", look.caught_up,
-        look.restarts, look.reinitialised, t->failures);
+    PUT("  made up for %" PRIu32 ", started again after long silence %" PRIu32 ", by the gate %" PRIu32 ", after failures %" PRIu64 "\n",
+        look.caught_up - d->before.caught_up, look.restarts - d->before.restarts, look.reinitialised - d->before.reinitialised, t->failures);
     PUT("  frames sent %" PRIu64 ", belated %" PRIu64 ", not written %" PRIu32 "; datagrams sent %" PRIu64 ", refused by the system %" PRIu64 "%s%s\n", t->sent,
-        t->belated, look.unsent, d->radio.sent, d->radio.failed, d->radio.failed ? ": " : "", d->radio.failed ? strerror(d->radio.reason) : "");
-    PUT("  datagrams received %" PRIu64 ", early %" PRIu32 ";", d->radio.received, look.early);
+        t->belated, look.unsent - d->before.unsent, d->radio.sent, d->radio.failed, d->radio.failed ? ": " : "", d->radio.failed ? strerror(d->radio.reason) : "");
+    PUT("  datagrams received %" PRIu64 ", early %" PRIu32 ";", d->radio.received, look.early - d->before.early);
     for (int i = 0; i < MK_STATUS_COUNT; i++)
-        if (look.counts[i]) PUT(" %s %" PRIu32, mk_status_name((mk_status_t)i), look.counts[i]);
+        if (look.counts[i] != d->counts_before[i]) PUT(" %s %" PRIu32, mk_status_name((mk_status_t)i), look.counts[i] - d->counts_before[i]);
     PUT("\n  own readings taken %" PRIu64 ", late %" PRIu64 ", too far ahead %" PRIu64 ", repeated %" PRIu64 ", refused %" PRIu64 "%s%s\n", r->taken, r->late,
         r->ahead, r->repeated + t->reading_repeated, r->refused, r->refused ? ": " : "", r->complaint);
     PUT("  missing (readings, estimates):");

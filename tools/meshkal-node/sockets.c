@@ -113,16 +113,13 @@ static int open_group(mk_radio_t *radio, const mk_settings_t *s, mk_error_t *err
     const int family = radio->to->address.ss_family;
     const unsigned index = if_nametoindex(s->interface);
     if (index == 0) return mk_settings_bad(s, "multicast.interface", error, "%.60s: there is no such interface", s->interface);
+    if (family == AF_INET6) ((struct sockaddr_in6 *)(void *)&radio->to->address)->sin6_scope_id = index;
     /* Bound to the group, the socket takes nothing that was sent to another group or to this host. */
     listen = *radio->to;
     if (s->listen && !resolve(s, "listen", s->listen, family, &listen, error)) return 0;
     radio->fd = bound(s, s->listen ? "listen" : "multicast.group", s->listen ? s->listen : s->group, &listen, 1, error);
     if (radio->fd < 0) return 0;
     if (!join(radio->fd, s, radio->to, index)) return mk_settings_bad(s, "multicast", error, "%.200s at %.60s: %s", s->group, s->interface, strerror(errno));
-    if (family == AF_INET6) {
-        struct sockaddr_in6 *to = (struct sockaddr_in6 *)(void *)&radio->to->address;
-        to->sin6_scope_id = index;
-    }
     return 1;
 }
 

@@ -89,14 +89,14 @@ static int end_step(mk_daemon_t *d, int64_t time, mk_error_t *error) {
 
 int mk_daemon_until(mk_daemon_t *d, int64_t time, int now, mk_error_t *error) {
     for (;;) {
-        const int64_t lead = mk_clock_step(&d->clock, time) - d->step;
+        const int64_t step = mk_clock_step(&d->clock, time), lead = step - d->step;
         const int stage = d->kind->look(d->object).stage;
         if (stage == 1 && lead > 1) {
             /* Asleep, or held up, for whole steps. */
             d->tally.jumps++;
             d->tally.jumped += (uint64_t)lead;
             if (!mk_daemon_go(d, d->step + lead, error)) return 0;
-        } else if (now && stage == 1 && -lead > d->settings.catch_up + 1) {
+        } else if (now && stage == 1 && step >= 0 && -lead > d->settings.catch_up + 1) {
             if (d->tally.put_back++ < 10) mk_daemon_say(d, "step %lld: the clock has been put back by %lld steps: starting again there", (long long)d->step, (long long)-lead);
             if (!mk_daemon_go(d, d->step + lead, error)) return 0;
         } else if (time < mk_clock_end(&d->clock, d->step, stage)) {
