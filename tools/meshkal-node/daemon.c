@@ -90,7 +90,9 @@ static int join_in(mk_daemon_t *d, mk_error_t *error) {
         mk_daemon_say(d, "the state is %lld steps old: %s", (long long)behind,
                       behind >= 0 && behind <= d->settings.catch_up ? "making up for them" : "starting again from x0 and P0");
     }
-    return mk_daemon_go(d, at, error);
+    const int good = mk_daemon_go(d, at, error);
+    if (!restored) d->tally.restarts = 0; /* a start is none */
+    return good;
 }
 
 /* Signals arrive as input, at no other place than the loop. */

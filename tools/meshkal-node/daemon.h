@@ -18,6 +18,7 @@ typedef struct {
     uint64_t belated;                        /* not sent: their time was over */
     uint64_t jumps, jumped;                  /* times that steps were left out, and how many, because the clock was ahead */
     uint64_t pulled, pulled_steps;           /* the same, because the neighbours were ahead of the clock, which was put forward */
+    uint64_t restarts;                       /* from x0 and P0, because more than catch_up steps were missed */
     uint64_t put_back;                       /* times that the clock was behind by more than catch_up steps */
     uint64_t unsaved;                        /* states that could not be written */
     uint64_t failures;                       /* of the filter, which then started again from x0 and P0 */

@@ -20,7 +20,7 @@ typedef struct {
     uint32_t step;
     int stage;
     const uint32_t *counts; /* by mk_status_t */
-    uint32_t early, caught_up, restarts, reinitialised, unsent;
+    uint32_t early, caught_up, restarts, reinitialised, unsent; /* restarts: changes where there was one */
 } mk_object_look_t;
 
 /* What there is to log of a step; arrays of the object, slots long but for y: all rows of slot 0, then of slot 1, ... */

@@ -25,8 +25,8 @@ void mk_daemon_report(const mk_daemon_t *d) {
     PUT("meshkal-node %d: step %" PRId64 "\n", d->settings.node, d->step);
     PUT("  steps done %" PRIu64 ", left out %" PRIu64 " in %" PRIu64 " jumps, of the neighbours' clocks %" PRIu64 " in %" PRIu64 ", clock put back %" PRIu64 "\n",
         t->steps, t->jumped, t->jumps, t->pulled_steps, t->pulled, t->put_back);
-    PUT("  made up for %" PRIu32 ", started again after long silence %" PRIu32 ", by the gate %" PRIu32 ", after failures %" PRIu64 "\n",
-        look.caught_up - d->before.caught_up, look.restarts - d->before.restarts, look.reinitialised - d->before.reinitialised, t->failures);
+    PUT("  made up for %" PRIu32 ", started again after long silence %" PRIu64 ", by the gate %" PRIu32 ", after failures %" PRIu64 "\n",
+        look.caught_up - d->before.caught_up, t->restarts, look.reinitialised - d->before.reinitialised, t->failures);
     PUT("  frames sent %" PRIu64 ", belated %" PRIu64 ", not written %" PRIu32 "; datagrams sent %" PRIu64 ", refused by the system %" PRIu64 "%s%s\n", t->sent,
         t->belated, look.unsent - d->before.unsent, d->radio.sent, d->radio.failed, d->radio.failed ? ": " : "", d->radio.failed ? strerror(d->radio.reason) : "");
     PUT("  datagrams received %" PRIu64 ", early %" PRIu32 ";", d->radio.received, look.early - d->before.early);

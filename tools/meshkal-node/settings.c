@@ -152,14 +152,12 @@ static int read_peers(mk_reader_t *r, json_t *peers, mk_settings_t *s, const mk_
     char place[160];
     if (!json_is_object(peers)) return mk_read_bad(r, "peers", "must be an object: numbers of neighbours, each with its host:port");
     s->peer = mk_allocate(json_object_size(peers), sizeof *s->peer);
-    int index = 0;
-    for (void *entry = json_object_iter(peers); entry; entry = json_object_iter_next(peers, entry), index++) {
+    for (void *entry = json_object_iter(peers); entry; entry = json_object_iter_next(peers, entry)) {
         char *end;
         const char *name = json_object_iter_key(entry);
         const long node = strtol(name, &end, 10);
         if (end == name || *end || node < 0 || node >= scenario->nodes || !is_neighbour(scenario, s->node, (int)node)) {
-            (void)snprintf(place, sizeof place, "peers{%d}", index);
-            return mk_read_bad(r, place, "%.60s is not the number of a neighbour of node %d", name, s->node);
+            return mk_read_bad(r, place_of("peers", name, place), "%.60s is not the number of a neighbour of node %d", name, s->node);
         }
         for (int i = 0; i < s->peers; i++)
             if (s->peer[i].node == node) return mk_read_bad(r, "peers", "node %ld stands there twice", node);

@@ -32,7 +32,11 @@ static int start_again(mk_daemon_t *d, const char *what, mk_status_t status, mk_
 }
 
 /* Where the object is, which counts modulo 2^32 and never goes back. */
-static void follow(mk_daemon_t *d) { d->step += (uint32_t)(d->kind->look(d->object).step - (uint32_t)d->step); }
+static void follow(mk_daemon_t *d, uint32_t restarts_before) {
+    const mk_object_look_t look = d->kind->look(d->object);
+    d->step += (uint32_t)(look.step - (uint32_t)d->step);
+    d->tally.restarts += look.restarts != restarts_before;
+}
 
 /* Forward by `steps` modulo 2^32, less than half of them. */
 static int advance(mk_daemon_t *d, uint32_t steps, mk_error_t *error) {
@@ -46,12 +50,14 @@ static int advance(mk_daemon_t *d, uint32_t steps, mk_error_t *error) {
 }
 
 int mk_daemon_go(mk_daemon_t *d, int64_t step, mk_error_t *error) {
+    const uint32_t restarts = d->kind->look(d->object).restarts;
     uint32_t left = (uint32_t)step - d->kind->look(d->object).step;
     /* The object knows half of the steps as ahead and half as past: backwards is twice far ahead. */
     for (; left >= HALF; left -= HALF - 1)
         if (!advance(d, HALF - 1, error)) return 0;
     if (left && !advance(d, left, error)) return 0;
     d->step = step;
+    d->tally.restarts += d->kind->look(d->object).restarts != restarts;
     return 1;
 }
 
@@ -70,13 +76,14 @@ static int end_readings(mk_daemon_t *d, mk_error_t *error) {
 
 static int end_step(mk_daemon_t *d, int64_t time, mk_error_t *error) {
     const int64_t step = d->step;
+    const uint32_t restarts = d->kind->look(d->object).restarts;
     const mk_status_t status = d->kind->diffuse(d->object);
     if (status != MK_OK && !start_again(d, "diffusion", status, error)) return 0;
     const mk_moment_t *moment = d->kind->moment(d->object);
     for (int l = 0; l < d->slots; l++) d->tally.estimate_missing[l] += !moment->have_psi[l];
-    mk_telemetry_step(&d->telemetry, step, moment, d->kind->real_size);
+    mk_telemetry_step(&d->telemetry, (int)d->tally.put_back, step, moment, d->kind->real_size);
     d->tally.steps++;
-    follow(d);
+    follow(d, restarts);
     if (d->step == step) return mk_daemon_go(d, step + 1, error); /* started again in the middle of a step */
     const int64_t lead = d->step - mk_clock_step(&d->clock, time);
     if (lead <= 0) return 1;

@@ -169,7 +169,7 @@ void mk_telemetry_close(mk_telemetry_t *t) {
 
 /* --- steps ----------------------------------------------------------------------------------------------------------------- */
 
-void mk_telemetry_step(mk_telemetry_t *t, int64_t step, const mk_moment_t *moment, size_t size) {
+void mk_telemetry_step(mk_telemetry_t *t, int run, int64_t step, const mk_moment_t *moment, size_t size) {
     const mk_scenario_t *s = t->scenario;
     const mk_snapshot_t *seen = &moment->seen;
     if (t->kind == MK_CHANNEL_NONE) return;
@@ -180,7 +180,7 @@ void mk_telemetry_step(mk_telemetry_t *t, int64_t step, const mk_moment_t *momen
         const int k = s->slot[first + l];
         for (int r = 0; r < s->sensor[k].rows; r++) t->measurements[t->row[k] + r] = moment->y[l * t->most + r];
     }
-    mk_log_begin(&t->log, 0, step, 10 + (positions > 0));
+    mk_log_begin(&t->log, run, step, 10 + (positions > 0));
     mk_log_reals(&t->log, "measurements", t->measurements, 8, rows);
     mk_log_uint8(&t->log, "measurements_arrived", moment->have_y, (size_t)slots);
     mk_log_uint8(&t->log, "estimates_arrived", moment->have_psi, (size_t)slots);

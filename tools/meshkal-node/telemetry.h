@@ -42,8 +42,8 @@ typedef struct {
 
 /* real: name of the node's precision. 1, or 0 and an error that names the key. */
 int mk_telemetry_open(mk_telemetry_t *telemetry, const mk_settings_t *settings, const mk_scenario_t *scenario, const char *real, mk_error_t *error);
-/* The item of a step. */
-void mk_telemetry_step(mk_telemetry_t *telemetry, int64_t step, const mk_moment_t *moment, size_t real_size);
+/* The item of a step. run: within one, steps only grow. */
+void mk_telemetry_step(mk_telemetry_t *telemetry, int run, int64_t step, const mk_moment_t *moment, size_t real_size);
 /* What there is to wait for: fills up to MK_TELEMETRY_READERS + 1 entries and returns their number; then looks at what came of it. */
 int mk_telemetry_wait(const mk_telemetry_t *telemetry, struct pollfd *polls);
 void mk_telemetry_serve(mk_telemetry_t *telemetry, const struct pollfd *polls, int count);
