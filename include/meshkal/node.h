@@ -12,9 +12,10 @@
  * node, step and stage is a repeat: counted and dropped. Clocks need not agree exactly: a frame one stage ahead is kept for that stage.
  *
  * Steps are counted modulo 2^32. A node that was rebooted or slept is behind its neighbours, and finds out: when, in the step that diffuse
- * ends, more than half of the neighbours that it heard were more than one stage ahead, it goes to the lowest step of those. Up
- * to config.catch_up steps it makes up for, each a prediction without readings; farther behind, it starts again from x0 and P0 at that
- * step. An application that knows the step (from a clock that ran on) calls advance, which does the same.
+ * ends, more than half of the neighbours that it heard were more than one stage ahead, it goes to the lowest step in which those want
+ * frames next: the step of a reading that was heard last, the one after the step of an estimate. Up to config.catch_up steps it makes up
+ * for, each a prediction without readings; farther behind, it starts again from x0 and P0 at that step. An application that knows the step
+ * (from a clock that ran on) calls advance, which does the same.
  *
  * accept treats every byte as hostile. A refused frame changes nothing but its counter and what the rule above knows of steps.
  *
@@ -180,7 +181,7 @@ MK_DECLARE_NODE_CORE(f64)
     typedef struct {                                                                                                          \
         name##_filter_t filter;                                                                                               \
         mk_node_##real##_t node;                                                                                              \
-        uint32_t heard[slot_count]; /* step of the last frame of each neighbour */                                            \
+        uint32_t heard[slot_count]; /* step of the last frame of each neighbour; one more after an early estimate of one ahead */ \
         uint8_t seen[slot_count];   /* in this step: 0 not heard, 1 heard, 2 ahead */                                         \
     } name##_t;                                                                                                               \
     typedef mk_node_config_##real##_t name##_config_t;                                                                        \

@@ -103,7 +103,9 @@ static mk_status_t MK_F(mk_node_use)(int n, int m, const MK_F_T(mk_node_view) * 
                        : difference < 0x80000000u ? 2
                                                 : -1;
     if (stages >= 2) {
-        if (view->seen[slot] != 2 || frame->step - view->heard[slot] < 0x80000000u) view->heard[slot] = frame->step;
+        /* An estimate ends a step: when this node ends its own, that neighbour is about to begin the next. */
+        const uint32_t next = frame->step + !reading;
+        if (view->seen[slot] != 2 || next - view->heard[slot] < 0x80000000u) view->heard[slot] = next;
         view->seen[slot] = 2;
         return MK_ERROR_AHEAD;
     }
