@@ -22,7 +22,7 @@ HOST_SOURCES = $(wildcard port/host/*.c tools/meshkal/*.c tools/meshkal/*/*.c)
 HOST_OBJECTS = $(HOST_SOURCES:%.c=$(BUILD)/%.o)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup all mpi run reproduce test bench install uninstall clean
+.PHONY: help setup all mpi run reproduce test bench clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -106,36 +106,20 @@ reproduce: all ## the published experiment over 30 random draws (DRAWS=N): table
 # --- test and bench --------------------------------------------------------------------------------------------------------
 
 SANITIZE = -O1 -fsanitize=address,undefined -fno-sanitize-recover=all
-include tests/unit/unit.mk tests/host/host.mk tests/mpi/mpi.mk tests/bench/bench.mk
+include tests/unit/unit.mk tests/host/host.mk tests/mpi/mpi.mk tests/bench/bench.mk tests/package/package.mk
 
 # Every suite runs twice: as users build it, and with the sanitizers.
 test: all mpi ## all tests, plain and under ASan and UBSan; last line: N passed, N failed
 	@$(MAKE) -s --no-print-directory BUILD=$(BUILD)/sanitize OPTIMISE="$(SANITIZE)" all mpi
-	@$(MAKE) -s --no-print-directory -j2 $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) $(MPI_TEST_PROGRAMS)
+	@$(MAKE) -s --no-print-directory -j2 $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) $(MPI_TEST_PROGRAMS) $(BUILD)/package-tools/done
 	@tests/run.sh $(BUILD) \
 	  py:pytest:$(PROGRAM):tests/reference,tests/host,tests/mpi,tests/lab,tests/rerun,tests/reproduce \
 	  py:pytest-sanitized:$(BUILD)/sanitize/meshkal:tests/reference,tests/host,tests/mpi \
-	  $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) $(MPI_TEST_PROGRAMS) sh:tests/package/package.sh
+	  $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) $(MPI_TEST_PROGRAMS) $(PACKAGE_TESTS)
 
 bench: | $(SETUP) ## a node step beside Eigen and LAPACKE, analyze against nodes, simulate against processes: tables, build/bench/*.json
 
-# --- install ---------------------------------------------------------------------------------------------------------------
-
-HEADERS = $(shell cd include && find meshkal -name '*.h')
-KERNELS = $(shell cd src && find meshkal -name '*.h')
-
-install: all ## library, headers, program and pkg-config file under DESTDIR and PREFIX
-	@for f in $(HEADERS); do install -D -m 644 include/$$f $(DESTDIR)$(PREFIX)/include/$$f || exit 1; done
-	@for f in $(KERNELS); do install -D -m 644 src/$$f $(DESTDIR)$(PREFIX)/include/$$f || exit 1; done
-	install -D -m 644 $(LIBRARY) $(DESTDIR)$(PREFIX)/lib/libmeshkal.a
-	install -D -m 755 $(PROGRAM) $(DESTDIR)$(PREFIX)/bin/meshkal
-	@mkdir -p $(DESTDIR)$(PREFIX)/lib/pkgconfig
-	@printf '%s\n' 'prefix=$(PREFIX)' 'Name: meshkal' 'Description: State estimators for the nodes of a sensor network' 'Version: $(VERSION)' \
-	  'Cflags: -I$${prefix}/include $(ARITHMETIC)' 'Libs: -L$${prefix}/lib -lmeshkal' 'Libs.private: -lm' > $(DESTDIR)$(PREFIX)/lib/pkgconfig/meshkal.pc
-
-uninstall: ## what install put there
-	rm -rf $(DESTDIR)$(PREFIX)/include/meshkal
-	rm -f $(DESTDIR)$(PREFIX)/lib/libmeshkal.a $(DESTDIR)$(PREFIX)/bin/meshkal $(DESTDIR)$(PREFIX)/lib/pkgconfig/meshkal.pc
+include port/package/package.mk
 
 clean: ## remove build/ (the Python environment stays)
 	rm -rf $(BUILD)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Cost of meshkal analyze against the number of nodes: time and memory of one filter over 200 steps.
 
     .venv/bin/python tests/bench/analyze.py build/meshkal build/bench [--large]

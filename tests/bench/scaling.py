@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Strong and weak scaling of meshkal simulate on the cores there are, bytes exchanged a step, and a model of the time of a step.
 
     .venv/bin/python tests/bench/scaling.py build/meshkal build/meshkal-mpi build/bench/cuts build/bench [--full]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Finds the program under test, as tests/reference does, and runs it with bytes in and out.
 
 MESHKAL           path of the program, default build/meshkal of this checkout

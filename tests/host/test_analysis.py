@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """meshkal analyze: what has to hold for every network, and what the program says when it cannot do as asked. Its numbers are compared with an
 independent dense evaluation in tests/reference and, in C, in test_least_favourable.c and test_error_covariance.c."""
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Wrong command lines and CSV files, models that a filter cannot follow: each named, exit status 2, nothing written."""
 import json
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Monte Carlo campaigns on threads: the same bytes for any number of them, whatever interrupts them, and campaigns that go on from a
 file of kept runs. Processes are tested in tests/mpi."""
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Distribution functions of the host programs against SciPy: port/host/distributions.c as a shared library."""
 import ctypes
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`meshkal fit`: c, tests and blocks against an evaluation with SciPy, coverage through the program, the filters' tables against a log, and
 what it says of data that do not fit. The statistics of the numbers themselves are in test_mismatch."""
 import io

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`meshkal scenario projectile`: what the published example (spec 1.9) says of every draw, small and large."""
 import json
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Large networks: the same results for every number of threads, fixed points that the plain recursion reaches as well, memory a node."""
 import json
 import os

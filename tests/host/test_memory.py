@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Memory of meshkal simulate against the number of nodes: the number that the README states."""
 import json
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a broken scenario says: the file, the line and the key, in words that tell what to mend. Each case changes one place of a
 good scenario; the schema has to refuse those that a schema can express, and no others."""
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """c of a residual sample (tools/meshkal/fit/mismatch.c): formulas against SciPy, coverage of the interval, size and power of the test. The
 samples are drawn here; 500 repetitions each, whose 99.9 % binomial limits about 95 % are 91.4 and 98."""
 import ctypes

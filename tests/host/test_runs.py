@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Runs as files and streams: repeatable, interruptible, fed with recorded data. The numbers themselves are compared with an
 independent reference in tests/reference."""
 import io

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The study on real input, tools/lab-temperature/study.py.
 
 What needs the simulator is skipped without build/meshkal, unless MESHKAL_REQUIRED=1; the rest always runs.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Finds meshkal and, beside it, meshkal-mpi, and runs the latter on several processes of this machine.
 
 MESHKAL           path of the program of one process, default build/meshkal of this checkout

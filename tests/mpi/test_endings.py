@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Campaigns on several ranks that end before their time: how, and what they leave behind."""
 import io
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """meshkal-mpi on 1 to 4 ranks against one process: the same bytes. Every start of mpirun takes half a second, so that cases are chosen, not
 multiplied out."""
 import json

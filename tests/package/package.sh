@@ -1,15 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: MIT
 # What a user meets first: the README's example, the installed package, the object code's promises. Usage: package.sh BUILD
-build=$1
-out=$build/test-package
-rm -rf "$out" && mkdir -p "$out"
-strict="-pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wvla -Werror -ffp-contract=off"
-check() { # title, command...
-    title=$1
-    shift
-    if "$@" >"$out/log" 2>&1; then echo "ok: $title"; else echo "not ok: $title" && cat "$out/log"; fi
-}
+. tests/package/check.sh
 
 # The first C block of the README, and its promised length.
 awk '/^```c$/ {on = 1; next} /^```$/ {if (on) exit} on' README.md >"$out/example.c"

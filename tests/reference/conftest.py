@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Finds the program under test and runs it.
 
 MESHKAL           path of the program, default build/meshkal of this checkout

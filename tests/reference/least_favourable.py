@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Dense reference of the least favourable model and of every filter's error under it.
 
 Written from the definitions alone: the process noise and all measurement noises are one unit vector v, every matrix is

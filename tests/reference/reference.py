@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Dense reference of the robust distributed Kalman filter with local tolerances.
 
 Written from the definitions alone (Emanuele, Gasparotto, Guerra, Zorzi, Sensors 20(11):3244, 2020): large stacked

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Random scenarios as plain dictionaries, ready for json.dump. The same arguments give the same scenario.
 
 Every neighbourhood can observe the whole state (rank test): the theory asks for it, and without it a node has no

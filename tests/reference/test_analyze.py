@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`meshkal analyze` against the dense reference of the least favourable model: every number of its JSON."""
 import copy
 import hashlib

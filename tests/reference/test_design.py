@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`meshkal design` against the reference: steady state of the central filter and of every node, local tolerances, the
 guaranteed tolerance."""
 import json

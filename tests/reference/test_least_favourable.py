@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The reference of the least favourable model checks itself: against one Gaussian law of the whole horizon, against errors of
 filters that really ran, and against the published numbers."""
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`meshkal simulate --truth least-favourable`: what is drawn, against the law it has to have. Fixed seeds; every test holds all
 its comparisons together at LEVEL, and shows that data of the nominal model would not have passed."""
 import copy

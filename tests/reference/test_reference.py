@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The reference checks itself: against other forms of the same definitions, and against the published numbers."""
 from decimal import Decimal, localcontext
 

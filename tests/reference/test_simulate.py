@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`meshkal simulate` against the reference: the log's own measurements and arrival masks are fed to the dense filters
 and every logged number is compared. The drawn data are tested against the model they claim to come from."""
 import hashlib

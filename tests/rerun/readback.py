@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Makes recordings of logs and reads them back as numbers."""
 
 import io

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Writes logs exactly by port/host/log-format.md, with invented numbers: what a recording shows is compared with what was put in.
 
 Run as a program it writes one log:  python synthetic.py OUT.cbor [nodes steps filter]

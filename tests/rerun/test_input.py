@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Logs that are cut, damaged, of another kind or not logs; the command around them."""
 
 import io

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Networks of every kind: no truth, one node, a centre, many nodes; the scene, the network graph and the blueprint."""
 
 import time

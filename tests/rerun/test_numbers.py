@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a recording holds is what the log holds."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Logs of the simulator itself, where it has been built."""
 
 import os

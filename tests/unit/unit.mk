@@ -7,6 +7,8 @@ BUILD ?= build
 CFLAGS ?= -O2
 
 UNIT_DIR := tests/unit
+# Another build of the library: with UNIT_NUMERIC for its headers, the amalgamation is tested so.
+UNIT_LIBRARY := src/meshkal/meshkal.c
 UNIT_TESTS := gamma step network unrolled contract limits silence float32
 UNIT_HELPERS := reference generator node
 UNIT_LIBS := -lcmocka -llapacke -llapack -lblas -lm
@@ -22,7 +24,7 @@ UNIT_SANITIZE_PROGRAMS := $(UNIT_TESTS:%=$(BUILD)/test-sanitize/unit_%) $(BUILD)
 
 # $(1): directory below BUILD, $(2): flags after CFLAGS
 define UNIT_RULES
-$$(BUILD)/$(1)/unit-objects/meshkal.o: src/meshkal/meshkal.c
+$$(BUILD)/$(1)/unit-objects/meshkal.o: $$(UNIT_LIBRARY)
 	@mkdir -p $$(@D)
 	$$(CC) -std=c99 $$(UNIT_NUMERIC) $$(CFLAGS) $(2) -MMD -MP -c -o $$@ $$<
 

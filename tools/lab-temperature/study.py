@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
 """Filters on real readings: temperatures of a sensor network, fitted on day one, tested on the rest.
 
 The first day (48 half hours) fits everything: offsets, noise, model, tolerance. Later days are only used to score.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Renders a recording to PNG without a display or a graphics card:  python screenshot.py run.rrd run.png [--time SECONDS]
 
 Needs a Vulkan driver; Debian's mesa-vulkan-drivers has one that runs on the processor.

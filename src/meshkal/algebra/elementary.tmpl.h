@@ -20,7 +20,7 @@ MK_KERNEL MK_REAL MK_F(mk_log)(MK_REAL x) {
     uint64_t bits;
     int64_t exponent = 0;
     if (x < DBL_MIN) {
-        x *= 0x1p54;
+        x *= 18014398509481984.0; /* 2^54 */
         exponent = -54;
     }
     memcpy(&bits, &x, sizeof bits);
@@ -28,19 +28,21 @@ MK_KERNEL MK_REAL MK_F(mk_log)(MK_REAL x) {
     const uint64_t shift = bits - UINT64_C(0x3fe6a09e667f3bcd);
     exponent += (int64_t)shift >> 52;
     bits -= shift & UINT64_C(0xfff0000000000000);
-    const double ln2_high = 0x1.62e42fefa38p-1, ln2_low = 0x1.ef35793c7673p-45;
+    /* 0x1.62e42fefa38p-1 and 0x1.ef35793c7673p-45: C++ before 2017 has no hexadecimal constants. */
+    const double ln2_high = 0.6931471805598903, ln2_low = 5.497923018708371e-14;
 #else
     uint32_t bits;
     int32_t exponent = 0;
     if (x < FLT_MIN) {
-        x *= 0x1p25f;
+        x *= 33554432.0f; /* 2^25 */
         exponent = -25;
     }
     memcpy(&bits, &x, sizeof bits);
     const uint32_t shift = bits - UINT32_C(0x3f3504f3);
     exponent += (int32_t)shift >> 23;
     bits -= shift & UINT32_C(0xff800000);
-    const float ln2_high = 0x1.62e4p-1f, ln2_low = 0x1.7f7d1cp-20f;
+    /* 0x1.62e4p-1 and 0x1.7f7d1cp-20 */
+    const float ln2_high = 0.693145751953125f, ln2_low = 1.428606765330187e-06f;
 #endif
     MK_REAL mantissa;
     memcpy(&mantissa, &bits, sizeof mantissa);

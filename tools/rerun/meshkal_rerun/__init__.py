@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Turns a Meshkal run log (port/host/log-format.md) into a rerun recording."""

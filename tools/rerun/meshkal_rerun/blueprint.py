@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the viewer shows when a recording is opened: everything of importance without a click."""
 
 import rerun.blueprint as rrb

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The command: reads a log from a file or standard input and writes an .rrd file, whole or not at all."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Colours as 0xRRGGBBAA, chosen for rerun's dark background."""
 
 import colorsys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The quantities of a batch that are drawn: one column an estimator, and what sums up the network. Numbers only, no rerun."""
 
 import warnings

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The network as a graph: who listens to whom, each node coloured by its error over time."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Writes an .rrd file whole or not at all."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Reads a run log, item by item, into batches of arrays with time as first axis. The format is port/host/log-format.md."""
 
 import hashlib

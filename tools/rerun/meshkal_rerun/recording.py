@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Writes the batches of one run to a rerun recording: times, series, faults. Scene, network and summary have their own files."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the recording needs from the scenario JSON that a log's header carries: a name, and what is where."""
 
 import json

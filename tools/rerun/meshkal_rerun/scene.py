@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The 3-D scene: truth and its trail, the estimates, ellipsoids for their uncertainty, the sensors and their links."""
 
 import numpy as np

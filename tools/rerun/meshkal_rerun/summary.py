@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The text panel: what ran, how it went, and how to read the pictures."""
 
 import numpy as np

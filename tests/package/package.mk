@@ -1,0 +1,12 @@
+# SPDX-License-Identifier: MIT
+# Tests of what users are handed: included by the main Makefile.
+
+PACKAGE_TESTS := $(filter-out sh:%/check.sh,$(patsubst %,sh:%,$(sort $(wildcard tests/package/*.sh))))
+
+# Made once; the scripts ask for it by name.
+package-tools: $(BUILD)/package-tools/done
+.PHONY: package-tools
+$(BUILD)/package-tools/done: tests/package/requirements.txt
+	@rm -rf $(@D) && python3 -m venv $(@D)
+	@$(@D)/bin/python -m pip install --quiet --disable-pip-version-check -r $<
+	@touch $@
