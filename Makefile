@@ -113,8 +113,8 @@ test: all mpi ## all tests, plain and under ASan and UBSan; last line: N passed,
 	@$(MAKE) -s --no-print-directory BUILD=$(BUILD)/sanitize OPTIMISE="$(SANITIZE)" all mpi
 	@$(MAKE) -s --no-print-directory -j2 $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) $(MPI_TEST_PROGRAMS) $(BUILD)/package-tools/done
 	@tests/run.sh $(BUILD) \
-	  py:pytest:$(PROGRAM):tests/reference,tests/host,tests/mpi,tests/lab,tests/rerun,tests/reproduce \
-	  py:pytest-sanitized:$(BUILD)/sanitize/meshkal:tests/reference,tests/host,tests/mpi \
+	  py:pytest:$(PROGRAM):tests/reference,tests/host,tests/node,tests/mpi,tests/lab,tests/rerun,tests/reproduce \
+	  py:pytest-sanitized:$(BUILD)/sanitize/meshkal:tests/reference,tests/host,tests/node,tests/mpi \
 	  $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) $(MPI_TEST_PROGRAMS) $(PACKAGE_TESTS)
 
 bench: | $(SETUP) ## a node step beside Eigen and LAPACKE, analyze against nodes, simulate against processes: tables, build/bench/*.json

@@ -48,7 +48,7 @@ static void queue_open(mk_telemetry_t *t, mk_reader_queue_t *q, int fd) {
     q->fd = fd;
     q->used = 0;
     q->items = 0;
-    q->room = t->header.used + MK_TELEMETRY_ROOM;
+    q->room = t->header.used + MK_TELEMETRY_ROOM + 4 * sizeof(double) * (size_t)t->row[t->scenario->nodes]; /* items of large networks are large */
     if (!q->bytes) q->bytes = mk_allocate(q->room, 1);
     (void)queue_put(q, t->header.buffer, t->header.used);
 }

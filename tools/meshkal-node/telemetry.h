@@ -17,7 +17,7 @@
 #include "run_log.h"
 #include "settings.h"
 
-enum { MK_TELEMETRY_READERS = 8, MK_TELEMETRY_HEADER = 100, MK_TELEMETRY_ROOM = 1 << 20 };
+enum { MK_TELEMETRY_READERS = 8, MK_TELEMETRY_HEADER = 100, MK_TELEMETRY_ROOM = 1 << 18 };
 
 /* A stream that is written as fast as its reader takes it. */
 typedef struct {
