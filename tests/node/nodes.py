@@ -2,6 +2,7 @@
 import json
 import pathlib
 import re
+import socket
 import subprocess
 import time
 
@@ -117,11 +118,11 @@ class Bench:
         path.chmod(mode)
         return path
 
-    def start(self, k, settings, prefix=(), again=""):
+    def start(self, k, settings, prefix=(), again="", env=None):
         """Node k with these settings. again: so that the files of an earlier life stay."""
         path = self.write(f"{k}{again}.json", settings)
         with open(self.folder / f"{k}.err", "ab") as errors:
-            process = subprocess.Popen([*prefix, self.node_program, str(path)], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors,
+            process = subprocess.Popen([*prefix, self.node_program, str(path)], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors, env=env,
                                        preexec_fn=die_with_parent)
         node = Node(process, self.folder, k)
         self.running.append(node)
@@ -134,6 +135,13 @@ class Bench:
         for node in self.running:
             node.process.wait(5)
             node.process.stdin.close()
+
+
+def port():
+    """A UDP port that was free a moment ago."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
 
 def clock_step(period_ms):

@@ -12,18 +12,11 @@ import zlib
 import cbor2
 import numpy as np
 import pytest
-from nodes import Report, clock_step, read_log, wait_until
+from nodes import Report, clock_step, port, read_log, wait_until
 
 RERUN = pathlib.Path(__file__).resolve().parents[2] / "tools" / "rerun"
 PERIOD = 20
 KEY = "00112233445566778899aabbccddeeff" * 2
-
-
-def port():
-    """A UDP port that was free a moment ago."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 @pytest.fixture
@@ -38,8 +31,8 @@ def pair(bench, draw):
                     "peers": {str(1 - k): f"127.0.0.1:{self.ports[1 - k]}"}, "readings": "-", "telemetry": f"{k}.cbor"}
             return base | more
 
-        def start(self, k, again="", **more):
-            node = bench.start(k, self.settings(k, **more), again=again)
+        def start(self, k, again="", env=None, **more):
+            node = bench.start(k, self.settings(k, **more), again=again, env=env)
             time.sleep(0.05)
             return node
 
@@ -282,6 +275,11 @@ def test_state_is_kept_and_taken_up(pair):
     node = pair.start(0, "d", state=state, catch_up=1)
     report = node.stop()
     assert "starting again from x0 and P0" in node.said() and report["started again after long silence"] >= 1
+    # Of the future, because the epoch was moved.
+    (pair.folder / "state").write_bytes(good)
+    node = pair.start(0, "e", state=state, clock={"period_ms": PERIOD, "epoch_s": 40.0})
+    report = node.stop()
+    assert report["started again after long silence"] == 1 and report["step"] == pytest.approx(clock_step(PERIOD) - 2000, abs=10), report.text
     # The other node's.
     (pair.folder / "state").write_bytes(good)
     node = pair.start(1, state=state)
@@ -301,6 +299,59 @@ def test_sleep(pair):
     assert report["left out"] > 40 and report["made up for"] >= 5 and report["started again after long silence"] == 1, report.text
     assert len(items) == report["steps done"] == report["telemetry items"]
     assert max(items) >= clock_step(PERIOD) - 30
+
+
+SHIM = """
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <fcntl.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <sys/mman.h>
+#include <time.h>
+int clock_gettime(clockid_t clock, struct timespec *now) {
+    static int (*real)(clockid_t, struct timespec *);
+    static volatile int64_t *ms;
+    if (!real) {
+        real = (int (*)(clockid_t, struct timespec *))dlsym(RTLD_NEXT, "clock_gettime");
+        ms = mmap(0, 8, PROT_READ, MAP_SHARED, open(getenv("CLOCK_OFFSET"), O_RDONLY), 0);
+    }
+    const int status = real(clock, now);
+    if (clock != CLOCK_REALTIME) return status;
+    const int64_t ns = (int64_t)now->tv_sec * 1000000000 + now->tv_nsec + *ms * 1000000;
+    now->tv_sec = ns / 1000000000;
+    now->tv_nsec = ns % 1000000000;
+    return status;
+}
+"""
+
+
+def test_the_clock_is_set(pair):
+    """Forward, back a little, back a lot: the time of day comes from a library that the test preloads."""
+    source, library, offset = (pair.folder / name for name in ("shim.c", "shim.so", "offset"))
+    source.write_text(SHIM)
+    subprocess.run(["gcc", "-shared", "-fPIC", "-o", library, source, "-ldl"], check=True)
+    offset.write_bytes(struct.pack("<q", 0))
+    environment = {"LD_PRELOAD": str(library), "CLOCK_OFFSET": str(offset), "ASAN_OPTIONS": "verify_asan_link_order=0"}
+    node = pair.start(0, env=os.environ | environment, catch_up=20)
+    ahead = 0
+    for jump, left_out, put_back in ((2000, 90, 0), (-200, 90, 0), (-60000, 90, 1)):
+        time.sleep(0.2)
+        before = report_now(node)
+        ahead += jump
+        with open(offset, "r+b") as file:
+            file.write(struct.pack("<q", ahead))
+        time.sleep(0.5)
+        report = report_now(node)
+        assert report["left out"] >= left_out and report["clock put back"] == put_back, report.text
+        assert report["step"] == pytest.approx(clock_step(PERIOD) + ahead // PERIOD, abs=10)
+        if jump == -200:  # ten steps were waited for
+            assert report["steps done"] - before["steps done"] < 22
+        assert report["steps done"] - before["steps done"] > 5
+    node.stop()
+    _, items, end = read_log(pair.folder / "0.cbor")
+    runs = [item["run"] for item in items.values()]
+    assert set(runs) == {0, 1} and end["end"] == "complete"
 
 
 def test_a_slow_clock_follows_the_neighbours(pair):

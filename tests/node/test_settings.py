@@ -6,6 +6,7 @@ import subprocess
 
 import jsonschema
 import pytest
+from nodes import port
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SCHEMA = json.loads((ROOT / "tools" / "meshkal-node" / "settings.schema.json").read_text())
@@ -33,10 +34,10 @@ def place(program, draw, tmp_path_factory):
     stranger = next((k for k in range(4) if k != 1 and k not in neighbours), 1)
     right = {
         "scenario": "net.json", "design": "net.design", "node": 1, "real": "float32", "numbers": "float16",
-        "clock": {"period_ms": 20, "split": 0.4, "epoch_s": 0}, "listen": "127.0.0.1:17991",
+        "clock": {"period_ms": 20, "split": 0.4, "epoch_s": 0}, "listen": f"127.0.0.1:{port()}",
         "peers": {str(j): f"127.0.0.1:{17995 + j}" for j in neighbours},
         "security": {"key_file": "key", "boot_file": "boots"}, "gate": {"reading": 0.999, "estimate": 100, "patience": 5}, "catch_up": 16,
-        "state": {"file": "state", "every_s": 1}, "readings": "udp:127.0.0.1:17992", "telemetry": "log.cbor",
+        "state": {"file": "state", "every_s": 1}, "readings": f"udp:127.0.0.1:{port()}", "telemetry": "log.cbor",
     }
     return folder, right, neighbours, stranger
 

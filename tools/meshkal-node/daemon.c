@@ -199,7 +199,9 @@ int mk_daemon_run(mk_daemon_t *d, mk_error_t *error) {
         polls[READINGS].fd = d->readings.fd; /* negative: left out */
         for (int i = 0; i < OWN; i++) polls[i].events = POLLIN;
         const int others = mk_telemetry_wait(&d->telemetry, polls + OWN);
+        /* No longer than a step: the clock may be put back meanwhile. */
         int64_t until = mk_clock_end(&d->clock, d->step, stage);
+        if (until > mk_clock_now() + d->clock.period) until = mk_clock_now() + d->clock.period;
         if (d->settings.state && d->save_at < until) until = d->save_at;
         wait_for(d, polls, OWN + others, until);
         if (polls[SIGNALS].revents && take_signals(d)) return 1;

@@ -96,7 +96,8 @@ static int read_clock(mk_reader_t *r, json_t *root, mk_settings_t *s, double dt_
     json_t *clock;
     double period_ms = 1000.0 * dt_s, epoch_s = 0.0;
     s->split = 0.5;
-    if (!read_section(r, root, "clock", clock_keys, &clock) || !read_real(r, clock, "clock", "period_ms", 1.0, 86400000.0, &period_ms) ||
+    if (!read_section(r, root, "clock", clock_keys, &clock) ||
+        !read_real(r, clock, "clock", "period_ms", 1.0, 86400000.0, &period_ms) ||
         !read_real(r, clock, "clock", "split", 0.05, 0.95, &s->split) || !read_real(r, clock, "clock", "epoch_s", 0.0, 4e9, &epoch_s))
         return 0;
     if (!(period_ms >= 1.0 && period_ms <= 86400000.0))
@@ -109,14 +110,17 @@ static int read_clock(mk_reader_t *r, json_t *root, mk_settings_t *s, double dt_
 static int read_security(mk_reader_t *r, json_t *root, mk_settings_t *s) {
     json_t *security;
     return read_section(r, root, "security", security_keys, &security) &&
-           (!security || (read_path(r, s, security, "security", "key_file", 1, &s->key) && read_path(r, s, security, "security", "boot_file", 1, &s->boots)));
+           (!security || (read_path(r, s, security, "security", "key_file", 1, &s->key) &&
+                          read_path(r, s, security, "security", "boot_file", 1, &s->boots)));
 }
 
 static int read_gate(mk_reader_t *r, json_t *root, mk_settings_t *s) {
     json_t *gate;
     s->catch_up = MK_CATCH_UP;
-    return read_section(r, root, "gate", gate_keys, &gate) && read_real(r, gate, "gate", "reading", 0.5, 1.0 - 1e-12, &s->gate_reading) &&
-           read_real(r, gate, "gate", "estimate", 0.0, 1e30, &s->gate_estimate) && read_integer(r, gate, "gate", "patience", 0, 65535, &s->patience) &&
+    return read_section(r, root, "gate", gate_keys, &gate) &&
+           read_real(r, gate, "gate", "reading", 0.5, 1.0 - 1e-12, &s->gate_reading) &&
+           read_real(r, gate, "gate", "estimate", 0.0, 1e30, &s->gate_estimate) &&
+           read_integer(r, gate, "gate", "patience", 0, 65535, &s->patience) &&
            read_integer(r, root, "", "catch_up", 0, 65535, &s->catch_up);
 }
 
@@ -176,7 +180,8 @@ static int read_network(mk_reader_t *r, json_t *root, mk_settings_t *s, const mk
     json_t *multicast, *peers = json_object_get(root, "peers");
     s->hops = 1;
     if (!read_section(r, root, "multicast", multicast_keys, &multicast)) return 0;
-    if (!peers == !multicast) return mk_read_bad(r, "peers", "%s", peers ? "stand beside \"multicast\": one of the two" : "are missing, and there is no \"multicast\"");
+    if (!peers == !multicast)
+        return mk_read_bad(r, "peers", "%s", peers ? "stand beside \"multicast\": one of the two" : "are missing, and there is no \"multicast\"");
     if (!read_text(r, root, "", "listen", !multicast, &s->listen)) return 0;
     if (peers) return read_peers(r, peers, s, scenario);
     return read_text(r, multicast, "multicast", "group", 1, &s->group) && read_text(r, multicast, "multicast", "interface", 1, &s->interface) &&
@@ -190,8 +195,9 @@ static int read_all(mk_reader_t *r, json_t *root, mk_settings_t *s, mk_scenario_
     int real = 1, format = -1;
     s->node = -1;
     if (!mk_read_keys(r, root, "", top_keys) || !read_path(r, s, root, "", "scenario", 1, &s->scenario) ||
-        !read_path(r, s, root, "", "design", 0, &s->design) || !mk_read_member(r, root, "", "node", 1) || !read_word(r, root, "real", reals, &real) ||
-        !read_word(r, root, "numbers", numbers, &format) || !read_security(r, root, s) || !read_gate(r, root, s) || !read_files(r, root, s))
+        !read_path(r, s, root, "", "design", 0, &s->design) || !mk_read_member(r, root, "", "node", 1) ||
+        !read_word(r, root, "real", reals, &real) || !read_word(r, root, "numbers", numbers, &format) || !read_security(r, root, s) ||
+        !read_gate(r, root, s) || !read_files(r, root, s))
         return 0;
     s->bits = real ? 64 : 32;
     s->numbers = format < 0 ? (real ? MK_NUMBERS_F64 : MK_NUMBERS_F32) : format;

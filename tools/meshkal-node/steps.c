@@ -26,7 +26,8 @@ void mk_daemon_feed(mk_daemon_t *d) {
 
 /* The filter cannot go on: the way back is x0 and P0. */
 static int start_again(mk_daemon_t *d, const char *what, mk_status_t status, mk_error_t *error) {
-    if (d->tally.failures++ < 10) mk_daemon_say(d, "step %lld: %s: %s; starting again from x0 and P0", (long long)d->step, what, mk_status_name(status));
+    if (d->tally.failures++ < 10)
+        mk_daemon_say(d, "step %lld: %s: %s; starting again from x0 and P0", (long long)d->step, what, mk_status_name(status));
     const mk_status_t again = d->kind->restart(d->object);
     return again == MK_OK || mk_fail(error, "step %lld: cannot start again: %s", (long long)d->step, mk_status_name(again));
 }
@@ -86,11 +87,12 @@ static int end_step(mk_daemon_t *d, int64_t time, mk_error_t *error) {
     follow(d, restarts);
     if (d->step == step) return mk_daemon_go(d, step + 1, error); /* started again in the middle of a step */
     const int64_t lead = d->step - mk_clock_step(&d->clock, time);
-    if (lead <= 0) return 1;
+    if (lead <= 0 || d->step == step + 1) return 1;
     /* Most neighbours are ahead of this clock, and the object has followed them. So does the clock, or the next steps would wait for it. */
     d->clock.epoch -= lead * d->clock.period;
     d->tally.pulled_steps += (uint64_t)lead;
-    if (d->tally.pulled++ < 10) mk_daemon_say(d, "step %lld: the neighbours are %lld steps ahead of this clock: following them", (long long)step, (long long)lead);
+    if (d->tally.pulled++ < 10)
+        mk_daemon_say(d, "step %lld: the neighbours are %lld steps ahead of this clock: following them", (long long)step, (long long)lead);
     return 1;
 }
 
@@ -103,8 +105,13 @@ int mk_daemon_until(mk_daemon_t *d, int64_t time, int now, mk_error_t *error) {
             d->tally.jumps++;
             d->tally.jumped += (uint64_t)lead;
             if (!mk_daemon_go(d, d->step + lead, error)) return 0;
-        } else if (now && stage == 1 && step >= 0 && -lead > d->settings.catch_up + 1) {
-            if (d->tally.put_back++ < 10) mk_daemon_say(d, "step %lld: the clock has been put back by %lld steps: starting again there", (long long)d->step, (long long)-lead);
+        } else if (now && step >= 0 && -lead > d->settings.catch_up + 1) {
+            if (stage == 2) {
+                if (!end_step(d, time, error)) return 0;
+                continue;
+            }
+            if (d->tally.put_back++ < 10)
+                mk_daemon_say(d, "step %lld: the clock has been put back by %lld steps: starting again there", (long long)d->step, (long long)-lead);
             if (!mk_daemon_go(d, d->step + lead, error)) return 0;
         } else if (time < mk_clock_end(&d->clock, d->step, stage)) {
             return 1;
