@@ -53,7 +53,7 @@ typedef struct {
                                                                           : MK_RKFD_PREDICT_WORK(n, m) + (m) + MK_PACKED(m))
 /* Bytes of a saved state, at most; `size` is that of a number. */
 #define MK_NODE_BLOB(size, n, m, slots)                                                                                       \
-    (80 + 4 * MK_STATUS_COUNT + 7 * (slots) + (size) * (4 + (n) + MK_PACKED(n) + (slots) * ((m) + (n) + (m) * (n))))
+    (83 + 4 * MK_STATUS_COUNT + 7 * (slots) + (size) * (4 + (n) + MK_PACKED(n) + (slots) * ((m) + (n) + (m) * (n))))
 
 #define MK_DECLARE_NODE_CORE(real)                                                                                            \
     /* Refusal of what the filter does not expect. Readings are judged when stage 1 ends, by e' (C V C' + R)^-1 e with e = y - C x      \
@@ -174,10 +174,10 @@ MK_DECLARE_NODE_CORE(f64)
  * name_record(node, recorder)  Empties the recorder and begins a record with the state; null ends it. LENGTH: does not fit.
  *                              Cost: copying and a CRC of every item.
  */
-#define MK_NODE(name, real, n, m, slots) MK_NODE_TYPE(name, real, n, m, slots, mk_rkfd_)
+#define MK_NODE(name, real, n, m, slots) MK_NODE_TYPE(name, real, n, m, slots, mk_rkfd_, MK_RKFD_STEP)
 
-#define MK_NODE_TYPE(name, real, n, m, slot_count, kernel)                                                                    \
-    MK_RKFD_TYPE(name##_filter, real, n, m, slot_count, kernel);                                                              \
+#define MK_NODE_TYPE(name, real, n, m, slot_count, kernel, STEP)                                                              \
+    MK_RKFD_TYPE(name##_filter, real, n, m, slot_count, kernel, STEP);                                                        \
     typedef struct {                                                                                                          \
         name##_filter_t filter;                                                                                               \
         mk_node_##real##_t node;                                                                                              \

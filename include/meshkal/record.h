@@ -36,8 +36,9 @@ enum {
 };
 
 /* Content of CONFIGURATION: n, m, slots, catch_up, patience (2 bytes each); bits of a number, MK_NUMBERS_ of its frames, with_model, flags
-   (1 byte each; flags 1: input, 2: gate, 4: foreign); model (4); for each slot its node (2), rows (1), foreign (1); then numbers: A, Q, input, x0, P0,
-   weight, C, F, S, R_inverse, tolerance; with a gate its thresholds for readings and for estimates; with foreign its limit. */
+   (1 byte each; flags 1: input, 2: gate, 4: foreign, 8: steady part); model (4); for each slot its node (2), rows (1), foreign (1); then numbers: A, Q, input, x0, P0,
+   weight, C, F, S, R_inverse, tolerance; with a gate its thresholds for readings and for estimates; with foreign its limit; with a steady part Phi, G, W,
+   theta, trace_P, close, period. */
 
 #define MK_ITEM_OVERHEAD 10
 

@@ -22,6 +22,20 @@
  * Tolerance c, in the unit of spec 1.2: TWICE the Kullback-Leibler divergence in nats. c stored in the configuration is RKFDNU2,
  * set before each step RKFDNU, zero KFD: one code path.
  *
+ * Frozen gain. With every reading at every step and one tolerance, W converges, and the gain with it (spec 1.4). A configuration that holds
+ * this limit (`steady`) lets the filter save the covariances: while W is at its limit, an incremental step with readings in all slots is
+ *
+ *     psi = Phi x + r + sum G_l y_l,     W, theta and P those of the limit.
+ *
+ * The filter enters this mode by itself, after a full step with all readings and the configuration's tolerance that has brought W close
+ * to the limit: W is then put there, so the mode has the same bits however it was reached. Any other step is a full one: a reading missing or
+ * given as innovation, another tolerance (set_tolerance), restart; it starts from W of the limit, and the filter comes back by itself. So
+ * the slowest step is still the full one: what is saved is energy. A frozen step has no nis (nis_rows 0, nis 0: the long way costs more than
+ * all the rest); after `period` of them one is full, which tells nis and looks whether W still belongs to this limit. `close` is how much of
+ * the information may be neglected on entering: small values wait long after every loss, with large ones W says more than is known; over
+ * random models the estimates were within 20 `close` standard deviations of those of a filter that never freezes. No steady part where A, C
+ * or R change.
+ *
  * Memory is the caller's, nothing is allocated; objects have no pointers into themselves and may be moved or copied between
  * calls. No function is re-entrant on one object; different objects are independent.
  *
@@ -45,6 +59,18 @@ extern "C" {
 #define MK_FAULT_NO_MEASUREMENT 8u      /* no slot had a measurement */
 
 #define MK_DECLARE_RKFD_CORE(real)                                                                                            \
+    /* The limit of the recursion with every reading at every step and the configuration's tolerance (spec 1.4), in which the \
+       gain is constant: psi = Phi x + r + sum G_l y_l. Arrays may be const, in flash. `meshkal design --frozen` writes it. */\
+    typedef struct {                                                                                                          \
+        const mk_##real##_t *Phi; /* n x n by columns: A - sum G_l C_l */                                                     \
+        const mk_##real##_t *G;   /* slots x m x n: G_l = A M F_l by columns */                                               \
+        const mk_##real##_t *W;   /* packed n: the limit of W, positive definite */                                           \
+        mk_##real##_t theta;      /* of the limit */                                                                          \
+        mk_##real##_t trace_P;                                                                                                \
+        mk_##real##_t close;      /* > 0: W has arrived where |W_ij - limit| <= close sqrt(W_ii W_jj), W of the limit */      \
+        uint16_t period;          /* >= 1: steps in a row with this gain, then a full one looks after nis and W */            \
+    } mk_rkfd_steady_##real##_t;                                                                                              \
+                                                                                                                              \
     /* Configuration: dimensions and the caller's arrays, which must outlive the filter. All may be const, in flash. A caller \
        whose C_l and R_l vary keeps C, F, S, R_inverse in RAM and rewrites a sensor with mk_rkfd_sensor before its step.      \
        Matrices are in row order; "packed" is MK_PACKED(n) numbers in the order of MK_PACKED. Sensors with fewer than m rows  \
@@ -63,6 +89,7 @@ extern "C" {
         const mk_##real##_t *S;         /* slots x packed n: C' R^-1 C */                                                     \
         const mk_##real##_t *R_inverse; /* slots x packed m */                                                                \
         mk_##real##_t tolerance;        /* c >= 0 */                                                                          \
+        const mk_rkfd_steady_##real##_t *steady; /* lets the filter freeze its gain; null: it never does */                   \
     } mk_rkfd_config_##real##_t;                                                                                              \
                                                                                                                               \
     /* What every filter has, whatever its dimensions; first member `core` of every filter type. Read, do not write. */       \
@@ -81,6 +108,8 @@ extern "C" {
         uint16_t faults;                    /* MK_FAULT_ bits of the last step */                                             \
         uint8_t stage;                      /* 0: before start, 1: incremental comes next, 2: diffuse comes next */           \
         uint8_t rejected_now;               /* an input was refused since the last incremental step */                        \
+        uint16_t steady;                    /* so many steps with all readings will take the steady gain, then a full one */  \
+        uint8_t frozen;                     /* 1: the last incremental step took the steady gain */                           \
     } mk_rkfd_##real##_t;                                                                                                     \
                                                                                                                               \
     /* Where the parts of one filter object are; made on the fly by the typed functions. */                                   \
@@ -129,7 +158,7 @@ MK_DECLARE_RKFD_CORE(f64)
  * is as it was, but for the counter `rejected`.
  *
  * name_start(f, config)        x := x0, W := P0^-1, counters 0; tolerance from the configuration. SHAPE if the configuration has
- *                              other dimensions; ARGUMENT, NOT_FINITE, NOT_POSITIVE_DEFINITE (P0), TOLERANCE.
+ *                              other dimensions; ARGUMENT, NOT_FINITE, NOT_POSITIVE_DEFINITE (P0, W of the steady part), TOLERANCE.
  * name_put_measurement(f, slot, T y[m])
  *                              The reading of a slot, its sensor's rows first; what stands beyond them is not read. Copied.
  *                              ORDER between incremental and diffuse; ARGUMENT; NOT_FINITE; REPEATED: the first reading stays.
@@ -139,14 +168,14 @@ MK_DECLARE_RKFD_CORE(f64)
  *                              The incremental step with what arrived; input r(t), or null for the configuration's. Leaves psi in
  *                              slot 0, for the radio: name_intermediate(f). ORDER if called twice without diffuse. NOT_POSITIVE_DEFINITE,
  *                              NOT_FINITE (input, or overflow), TOLERANCE (no root): W and x as before, readings kept; restart is
- *                              the way back. Cost about 9 n^3 + slots (4 n m + n^2 / 2) operations.
+ *                              the way back. Cost about 9 n^3 + slots (4 n m + n^2 / 2) operations; frozen 2 n (n + slots m).
  * name_put_estimate(f, slot, T psi[n])
  *                              psi of a neighbour, slot >= 1. ORDER before incremental; ARGUMENT; NOT_FINITE; REPEATED.
  * name_diffuse(f)              The diffusion step over slot 0 and what arrived; ends the step. With no positive weight among
  *                              them x := psi of slot 0. ORDER before incremental; NOT_FINITE: the sum overflows.
  * name_estimate(f)             x (n): the prediction for the next step's time. Valid until the next diffuse.
  * name_intermediate(f)         psi (n) of this node, between incremental and diffuse.
- * name_set_tolerance(f, c)     c for the following steps. TOLERANCE if negative or not finite.
+ * name_set_tolerance(f, c)     c for the following steps; another than before ends frozen mode. TOLERANCE if negative or not finite.
  * name_restart(f, x0, P0)      x and W anew (packed P0), readings and estimates of the step dropped, counters kept: the way back after
  *                              a long silence or a failure. ORDER before start; NOT_FINITE, NOT_POSITIVE_DEFINITE.
  * name_covariance(f, T V[MK_PACKED(n)])
@@ -156,9 +185,16 @@ MK_DECLARE_RKFD_CORE(f64)
  *                              ORDER afterwards; ARGUMENT if the slot is empty; NOT_FINITE: overflow, e and E are then undefined.
  *                              Entries beyond the sensor's rows: 0.
  */
-#define MK_RKFD(name, real, n, m, slots) MK_RKFD_TYPE(name, real, n, m, slots, mk_rkfd_)
+#define MK_RKFD(name, real, n, m, slots) MK_RKFD_TYPE(name, real, n, m, slots, mk_rkfd_, MK_RKFD_STEP)
 
-#define MK_RKFD_TYPE(name, real, n, m, slot_count, kernel)                                                                    \
+#define MK_RKFD_STEP(name, real, n, m, slot_count)                                                                            \
+    MK_INLINE mk_status_t name##_incremental(name##_t *f, const mk_##real##_t *input) {                                       \
+        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                               \
+        const mk_rkfd_view_##real##_t view = name##_view(f, work);                                                            \
+        return mk_rkfd_incremental_##real(n, m, slot_count, &view, input);                                                    \
+    }
+
+#define MK_RKFD_TYPE(name, real, n, m, slot_count, kernel, STEP)                                                              \
     typedef struct {                                                                                                          \
         mk_rkfd_##real##_t core;                                                                                              \
         mk_##real##_t x[n];                 /* estimate */                                                                    \
@@ -194,11 +230,7 @@ MK_DECLARE_RKFD_CORE(f64)
         const mk_rkfd_view_##real##_t view = name##_view(f, 0);                                                               \
         return mk_rkfd_put_##real(n, m, &view, slot, e, 1);                                                                   \
     }                                                                                                                         \
-    MK_INLINE mk_status_t name##_incremental(name##_t *f, const mk_##real##_t *input) {                                       \
-        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                               \
-        const mk_rkfd_view_##real##_t view = name##_view(f, work);                                                            \
-        return kernel##incremental_##real(n, m, slot_count, &view, input);                                                    \
-    }                                                                                                                         \
+    STEP(name, real, n, m, slot_count)                                                                                        \
     MK_INLINE mk_status_t name##_put_estimate(name##_t *f, int slot, const mk_##real##_t *psi) {                              \
         const mk_rkfd_view_##real##_t view = name##_view(f, 0);                                                               \
         return mk_rkfd_put_estimate_##real(n, &view, slot, psi);                                                              \

@@ -36,6 +36,12 @@
 #endif
 #endif
 
+/* Arm cores with a single-precision unit but without vectors load several of its registers at once; clang knows. */
+#if defined(__GNUC__) && !defined(__clang__) && !defined(MK_ROLLED) && defined(__thumb2__) && defined(__ARM_FP) && !defined(__SOFTFP__) && \
+    !defined(__ARM_NEON)
+#define MK_LOAD_MULTIPLE
+#endif
+
 /* Place of element (i, j), j <= i, of a packed symmetric matrix. */
 #define MK_AT(i, j) ((i) * ((i) + 1) / 2 + (j))
 

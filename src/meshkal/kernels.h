@@ -30,6 +30,10 @@ int mk_positive_definite_f64(int n, const double *S, double *work);
    where it overflows. L as the step's mk_ldl leaves it, b = L^-1 b, which is overwritten. */
 float mk_rkfd_exact_nis_f32(int n, int m, int slots, const mk_rkfd_view_f32_t *view, const float *L, float *b);
 double mk_rkfd_exact_nis_f64(int n, int m, int slots, const mk_rkfd_view_f64_t *view, const double *L, double *b);
+/* After a full step, complete or not, of a filter that has a steady part: core->steady says whether W has arrived; it is then put to the limit.
+   work: n numbers. */
+void mk_rkfd_settle_f32(int n, int complete, mk_rkfd_f32_t *core, float *W, float *work);
+void mk_rkfd_settle_f64(int n, int complete, mk_rkfd_f64_t *core, double *W, double *work);
 #ifdef __cplusplus
 }
 #endif
@@ -41,10 +45,12 @@ double mk_rkfd_exact_nis_f64(int n, int m, int slots, const mk_rkfd_view_f64_t *
 #define MK_FAST_ERROR 1e-5f
 #include "algebra/elementary.tmpl.h"
 #include "algebra/row.tmpl.h"
+#include "algebra/columns.tmpl.h"
 #include "algebra/symmetric.tmpl.h"
 #include "algebra/gamma_root.tmpl.h"
 #include "algebra/gamma_fast.tmpl.h"
 #include "filter/rkfd_step.tmpl.h"
+#include "filter/rkfd_frozen.tmpl.h"
 #include "network/diffusion.tmpl.h"
 #undef MK_GAMMA_CLOSE
 #undef MK_FAST_CLOSE
@@ -58,10 +64,12 @@ double mk_rkfd_exact_nis_f64(int n, int m, int slots, const mk_rkfd_view_f64_t *
 #define MK_FAST_ERROR 1e-11
 #include "algebra/elementary.tmpl.h"
 #include "algebra/row.tmpl.h"
+#include "algebra/columns.tmpl.h"
 #include "algebra/symmetric.tmpl.h"
 #include "algebra/gamma_root.tmpl.h"
 #include "algebra/gamma_fast.tmpl.h"
 #include "filter/rkfd_step.tmpl.h"
+#include "filter/rkfd_frozen.tmpl.h"
 #include "network/diffusion.tmpl.h"
 #undef MK_GAMMA_CLOSE
 #undef MK_FAST_CLOSE

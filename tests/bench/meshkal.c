@@ -31,7 +31,7 @@
         static const uint8_t rows[BENCH_SLOTS] = {BENCH_M, BENCH_M, BENCH_M, BENCH_M, BENCH_M};                              \
         const bench_data_##type *const d = &c->member;                                                                       \
         const name##_config_t config = {states, BENCH_M, BENCH_SLOTS, d->A, d->Q, 0, d->x0, d->P0, d->weight,                \
-                                        rows, d->C, d->F, d->S, d->R_inverse, d->tolerance[0]};                              \
+                                        rows, d->C, d->F, d->S, d->R_inverse, d->tolerance[0], NULL};                        \
         name##_config = config;                                                                                              \
         name##_turn = 0;                                                                                                     \
         return name##_start(&name##_filter, &name##_config) == MK_OK;                                                        \

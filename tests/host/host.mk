@@ -68,13 +68,37 @@ $(3)/header-$(1)-$(2)-$(6): $(HOST_TEST)/test_header.c $(3)/$(1)-$(2).cbor $(4)
 	  $(if $(filter shared,$(6)),-DHEADER_SHARED) $$< $(4) -lcmocka -lcbor -lm -o $$@
 endef
 
-HOST_NETWORKS := projectile-32 projectile-64 mixed-32 mixed-64
+# The same with gains that freeze, as often as few losses let them.
+$(HOST_PLAIN)/frozen.json: $(HOST_PLAIN)/projectile.json
+	@cp $< $@
+define HOST_FROZEN
+$(3)/$(1)-$(2).cbor: $(HOST_PLAIN)/$(1).json $(4)
+	@rm -rf $(3)/$(1)-$(2) && mkdir -p $(3)
+	@$(4) design $$< --c-header $(3)/$(1)-$(2) --real float$(2) --frozen 0.01 > $(3)/$(1)-$(2).txt
+	@$(4) simulate $$< --filter rkfdnu2 --loss 0.01 --steps 900 --real float$(2) --frozen 0.01 --out $$@.made >> $(3)/$(1)-$(2).txt
+	@mv $$@.made $$@
+endef
+
+HOST_NETWORKS := frozen-32 frozen-64 projectile-32 projectile-64 mixed-32 mixed-64
+HOST_EACH = $(foreach b,32 64,$(eval $(call $(1),$(2),$(b),$(3),$(4),$(5),$(6))))
 HOST_BOTH = $(foreach n,projectile mixed,$(foreach b,32 64,$(eval $(call $(1),$(n),$(b),$(2),$(3),$(4),$(5)))))
 $(call HOST_BOTH,HOST_NETWORK,$(HOST_PLAIN),$(PROGRAM))
 $(call HOST_BOTH,HOST_NETWORK,$(HOST_SANE),$(BUILD)/sanitize/meshkal)
 $(call HOST_BOTH,HOST_HEADER,$(HOST_PLAIN),$(LIBRARY),,unrolled)
 $(call HOST_BOTH,HOST_HEADER,$(HOST_PLAIN),$(LIBRARY),,shared)
 $(call HOST_BOTH,HOST_HEADER,$(HOST_SANE),$(BUILD)/sanitize/libmeshkal.a,$(SANITIZE),shared)
+$(call HOST_EACH,HOST_FROZEN,frozen,$(HOST_PLAIN),$(PROGRAM))
+$(call HOST_EACH,HOST_FROZEN,frozen,$(HOST_SANE),$(BUILD)/sanitize/meshkal)
+$(call HOST_EACH,HOST_HEADER,frozen,$(HOST_PLAIN),$(LIBRARY),-DHEADER_FROZEN,unrolled)
+$(call HOST_EACH,HOST_HEADER,frozen,$(HOST_PLAIN),$(LIBRARY),-DHEADER_FROZEN,shared)
+$(call HOST_EACH,HOST_HEADER,frozen,$(HOST_SANE),$(BUILD)/sanitize/libmeshkal.a,$(SANITIZE) -DHEADER_FROZEN,shared)
+
+# The other compiler, against the log of the first.
+HOST_CLANG := $(HOST_PLAIN)/header-frozen-32-clang $(HOST_PLAIN)/header-frozen-64-clang
+$(HOST_CLANG): $(HOST_PLAIN)/header-%-clang: $(HOST_TEST)/test_header.c $(HOST_PLAIN)/%.cbor src/meshkal/meshkal.c
+	@echo "  LD $@"
+	@clang $(CFLAGS) $(HOST_INCLUDE) -I$(HOST_PLAIN)/$* -DHEADER_BITS=$(*:frozen-%=%) -DHEADER_LOG='"$(abspath $(HOST_PLAIN)/$*.cbor)"' \
+	  -DHEADER_FROZEN $< src/meshkal/meshkal.c -lcmocka -lcbor -lm -o $@
 
 # Each header alone, as firmware includes it: strict C99 and C++17.
 HOST_STRICT := -Wall -Wextra -Wconversion -Wdouble-promotion -Werror -pedantic -fsyntax-only $(INCLUDE)
@@ -89,7 +113,7 @@ $(HOST_NETWORKS:%=$(HOST_PLAIN)/header-%-shared): $(HOST_PLAIN)/header-%-shared:
 
 HOST_C_TESTS := $(patsubst $(HOST_TEST)/%.c,%,$(filter-out %/test_header.c,$(wildcard $(HOST_TEST)/test_*.c)))
 HOST_TEST_PROGRAMS := $(foreach d,$(HOST_PLAIN) $(HOST_SANE),$(HOST_C_TESTS:%=$(d)/%) $(HOST_NETWORKS:%=$(d)/header-%-shared)) \
-  $(HOST_NETWORKS:%=$(HOST_PLAIN)/header-%-unrolled)
+  $(HOST_NETWORKS:%=$(HOST_PLAIN)/header-%-unrolled) $(HOST_CLANG)
 
 .PHONY: test-host-c
 test-host-c: $(HOST_TEST_PROGRAMS)

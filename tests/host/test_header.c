@@ -3,7 +3,7 @@
    and out of order, give the simulator's numbers bit for bit. Measurements and arrivals come from a log of `meshkal simulate`.
 
    Compile with -DHEADER_BITS=32 or 64, -I of six headers node_00.h .. node_05.h and -DHEADER_LOG="path" of a log of their network.
-   -DHEADER_SHARED replaces the unrolled kernels by those of libmeshkal.a. */
+   -DHEADER_SHARED replaces the unrolled kernels by those of libmeshkal.a. -DHEADER_FROZEN: headers and log were made with --frozen. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -39,7 +39,11 @@ typedef mk_rkfd_f64_t core_t;
 enum { REAL_TAG = 86 };
 #endif
 enum { UINT8_TAG = 64, UINT32_TAG = 70, FLOAT64_TAG = 86 };
+#ifdef HEADER_FROZEN
+enum { NODES = 6, STEPS = 900, LARGEST = 64 };
+#else
 enum { NODES = 6, STEPS = 200, LARGEST = 64 };
+#endif
 
 /* --- one face for six types --------------------------------------------------------------------------------------------- */
 
@@ -55,10 +59,25 @@ typedef struct {
     mk_status_t (*covariance)(real_t *V);
 } face_t;
 
+/* Before each incremental step of a network with frozen gains the node is switched off and comes back from what it has saved. */
+#ifdef HEADER_FROZEN
+#define REVIVE(name)                                                                                                          \
+    uint8_t blob[name##_blob_max];                                                                                            \
+    const size_t saved = name##_save(&name##_object, blob);                                                                   \
+    memset(&name##_object, 0x55, sizeof name##_object);                                                                       \
+    const mk_status_t status = name##_restore(&name##_object, &name##_config, blob, saved);                                   \
+    if (status != MK_OK) return status;
+#else
+#define REVIVE(name)
+#endif
+
 #define NODE(name)                                                                                                            \
     static name##_t name##_object;                                                                                            \
     static mk_status_t start_##name(void) { return name##_start(&name##_object, &name##_config); }                            \
-    static mk_status_t incremental_##name(void) { return name##_incremental(&name##_object); }                                \
+    static mk_status_t incremental_##name(void) {                                                                             \
+        REVIVE(name)                                                                                                          \
+        return name##_incremental(&name##_object);                                                                            \
+    }                                                                                                                         \
     static mk_status_t diffuse_##name(void) { return name##_diffuse(&name##_object); }                                        \
     static mk_status_t measure_##name(const real_t *y) { return name##_measure(&name##_object, y); }                          \
     static mk_status_t accept_##name(const uint8_t *bytes, size_t size) { return name##_accept(&name##_object, bytes, size); } \
@@ -175,6 +194,10 @@ static void same_bits(void **unused) {
     for (int k = 0; k < NODES; k++) first_row[k + 1] = first_row[k] + node[k].rows[0];
     const size_t all_rows = (size_t)first_row[NODES];
     double *y = malloc(all_rows * sizeof *y);
+#ifdef HEADER_FROZEN
+    uint8_t frozen[NODES], was_frozen[NODES] = {0};
+    int switches = 0;
+#endif
     uint8_t *have_y = malloc(all_slots), *have_psi = malloc(all_slots);
     real_t estimate[NODES * LARGEST], theta[NODES], tolerance[NODES], nis[NODES], trace[NODES], V[MK_PACKED(LARGEST)];
     uint32_t rows[NODES], faults[NODES];
@@ -195,6 +218,9 @@ static void same_bits(void **unused) {
         numbers(item, "nis", REAL_TAG, nis, sizeof nis);
         numbers(item, "nis_rows", UINT32_TAG, rows, sizeof rows);
         numbers(item, "faults", UINT32_TAG, faults, sizeof faults);
+#ifdef HEADER_FROZEN
+        numbers(item, "frozen", UINT8_TAG, frozen, sizeof frozen);
+#endif
         cbor_decref(&item);
         for (int k = 0; k < NODES; k++) {
             real_t sum = 0;
@@ -218,6 +244,13 @@ static void same_bits(void **unused) {
             assert_memory_equal(&node[k].core->nis, &nis[k], sizeof nis[k]);
             assert_int_equal(node[k].core->nis_rows, rows[k]);
             assert_int_equal(node[k].core->faults, faults[k]);
+#ifdef HEADER_FROZEN
+            assert_int_equal(node[k].core->frozen, frozen[k]);
+            switches += t > 0 && frozen[k] != was_frozen[k];
+            was_frozen[k] = frozen[k];
+#else
+            assert_int_equal(node[k].core->frozen, 0);
+#endif
         }
     }
     item = next_item();
@@ -226,7 +259,11 @@ static void same_bits(void **unused) {
     cbor_decref(&item);
     assert_int_equal(at, length);
     /* Without losses, and with theta 0, half of the code would not have been compared. */
+#ifdef HEADER_FROZEN
+    assert_true(lost > STEPS / 10 && switches > STEPS / 10);
+#else
     assert_true(lost > STEPS);
+#endif
     assert_true(node[0].core->theta > (real_t)0);
     free(y);
     free(have_y);

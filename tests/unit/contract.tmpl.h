@@ -59,7 +59,7 @@ static void NAME(start_statuses)(void **unused) {
     do {                                                                                                                       \
         memcpy(&b, &good, sizeof b);                                                                                           \
         TYPE(mk_rkfd_config) config = {2,   2,   3,   b.A, b.Q, b.r,         b.x0,        b.P0, b.weight,                      \
-                                       b.rows, b.C, b.F, b.S, b.R_inverse, (REAL)0.02};                                        \
+                                       b.rows, b.C, b.F, b.S, b.R_inverse, (REAL)0.02, NULL};                                  \
         change;                                                                                                                \
         REFUSED(&b, TINY(start)(&b.filter, &config), status);                                                                  \
     } while (0)
@@ -260,4 +260,3 @@ static void NAME(tolerance_and_queries)(void **unused) {
     assert_true(fabs((double)V[0] - 2.0) < 1e-5 && fabs((double)V[1] - 0.5) < 1e-5 && fabs((double)V[2] - 1.0) < 1e-5);
 }
 
-#undef SPOILS

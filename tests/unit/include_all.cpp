@@ -31,7 +31,7 @@ template <typename T> struct constants {
         mk_##real##_t y[1] = {2}, psi[2] = {0, 0}, V[3], e[1], E[1];                                                           \
         bool good = mk_rkfd_sensor_##real(2, 1, 1, k.C, k.R, k.F, k.S, k.R_inverse, k.work) == MK_OK;                          \
         const name##_config_t config = {2,      1,   1,   k.A, k.Q, nullptr,     k.x0,                 k.P0, k.weight,         \
-                                        k.rows, k.C, k.F, k.S, k.R_inverse, mk_##real##_t(0.02)};                              \
+                                        k.rows, k.C, k.F, k.S, k.R_inverse, mk_##real##_t(0.02), nullptr};                     \
         good = good && name##_start(&filter, &config) == MK_OK && name##_put_measurement(&filter, 0, y) == MK_OK;              \
         good = good && name##_put_innovation(&filter, 0, y) == MK_ERROR_REPEATED && name##_predict(&filter, 0, e, E) == MK_OK; \
         good = good && name##_incremental(&filter, nullptr) == MK_OK && name##_put_estimate(&filter, 1, psi) != MK_OK;         \

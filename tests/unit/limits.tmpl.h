@@ -58,7 +58,7 @@ static void NAME(filter_work)(void **unused) {
             }
             assert_int_equal(NAME(mk_rkfd_sensor)(n, m, m, C, R, F, S, R_inverse, sensor_work), MK_OK);
             const TYPE(mk_rkfd_config) config = {(uint16_t)n, (uint16_t)m, 1,    A, P, NULL,      x0,        P,
-                                                 &weight,     &rows,       C,    F, S, R_inverse, (REAL)0.02};
+                                                 &weight,     &rows,       C,    F, S, R_inverse, (REAL)0.02, NULL};
             TYPE(mk_rkfd) core;
             REAL x[N], W[MK_PACKED(N)], readings[M], psi[N];
             uint8_t have_y, have_psi;
@@ -188,7 +188,7 @@ static void NAME(silence)(void **unused) {
         const REAL A = (REAL)factors[k % 6], Q = (REAL)0.5, x0 = (REAL)1.0, P0 = (REAL)2.0, weight = (REAL)1.0;
         const REAL C = (REAL)1.0, F = (REAL)1.0, S = (REAL)1.0;
         const uint8_t rows = 1;
-        const TYPE(mk_rkfd_config) config = {1, 1, 1, &A, &Q, NULL, &x0, &P0, &weight, &rows, &C, &F, &S, &S, (REAL)tolerances[k / 6]};
+        const TYPE(mk_rkfd_config) config = {1, 1, 1, &A, &Q, NULL, &x0, &P0, &weight, &rows, &C, &F, &S, &S, (REAL)tolerances[k / 6], NULL};
         TYPE(lone) f;
         int failed = 0;
         memset(&f, 0, sizeof f);

@@ -15,6 +15,8 @@ typedef struct {
     uint8_t rows[LARGEST_SLOTS];
     REAL C[LARGEST_STACK * LARGEST_N], F[LARGEST_STACK * LARGEST_N], S[LARGEST_SLOTS * PACKED_N];
     REAL R_inverse[LARGEST_SLOTS * PACKED_M];
+    TYPE(mk_rkfd_steady) steady;
+    REAL Phi[LARGEST_N * LARGEST_N], G[LARGEST_STACK * LARGEST_N], limit[PACKED_N];
 } TYPE(unit_node);
 
 static void NAME(convert)(int count, const double *from, REAL *to) {
@@ -92,6 +94,31 @@ static mk_status_t NAME(node_start)(node_t *node) {
     return NAME(mk_rkfd_start)(f->config.n, f->config.m, f->config.slots, &view, &f->config);
 }
 
+static void NAME(node_give_steady)(node_t *node, const steady_t *steady) {
+    TYPE(unit_node) *const f = (void *)node;
+    const int n = f->config.n, m = f->config.m;
+    for (int j = 0; j < n; j++) {
+        for (int i = 0; i < n; i++) f->Phi[j * n + i] = (REAL)steady->Phi[i * n + j];
+        for (int l = 0; l < f->config.slots; l++)
+            for (int r = 0; r < m; r++) f->G[(l * m + r) * n + j] = r < f->rows[l] ? (REAL)steady->G[l][j * f->rows[l] + r] : (REAL)0.0;
+    }
+    NAME(convert_packed)(n, steady->W, f->limit);
+    f->steady.Phi = f->Phi;
+    f->steady.G = f->G;
+    f->steady.W = f->limit;
+    f->steady.theta = (REAL)steady->theta;
+    f->steady.trace_P = (REAL)steady->trace_P;
+    f->steady.close = (REAL)steady->close;
+    f->steady.period = (uint16_t)steady->period;
+    f->config.steady = &f->steady;
+}
+
+static mk_status_t NAME(node_restart)(node_t *node) {
+    TYPE(unit_node) *const f = (void *)node;
+    const TYPE(mk_rkfd_view) view = NAME(view)(f);
+    return NAME(mk_rkfd_restart)(f->config.n, f->config.slots, &view, f->x0, f->P0);
+}
+
 static mk_status_t NAME(node_put)(node_t *node, int slot, const double *values, int is_innovation) {
     TYPE(unit_node) *const f = (void *)node;
     const TYPE(mk_rkfd_view) view = NAME(view)(f);
@@ -162,6 +189,8 @@ static mk_status_t NAME(node_see)(node_t *node, seen_t *seen) {
     seen->steps_since_measurement = f->core.steps_since_measurement;
     seen->rejected = f->core.rejected;
     seen->faults = f->core.faults;
+    seen->steady = f->core.steady;
+    seen->frozen = f->core.frozen;
     return status;
 }
 
@@ -187,6 +216,7 @@ const precision_t PRECISION = {
     (double)EPSILON,
     NAME(node_make),
     NAME(node_start),
+    NAME(node_give_steady),
     NAME(node_sensor),
     NAME(node_put),
     NAME(node_predict),
@@ -194,6 +224,7 @@ const precision_t PRECISION = {
     NAME(node_put_estimate),
     NAME(node_diffuse),
     NAME(node_set_tolerance),
+    NAME(node_restart),
     NAME(node_see),
     NAME(node_gamma_root),
     NAME(node_gamma),

@@ -18,6 +18,7 @@
 #define REAL float
 #include "tiny.tmpl.h"
 #include "contract.tmpl.h"
+#include "freeze.tmpl.h"
 #include "failures.tmpl.h"
 #undef PRECISION
 #undef REAL
@@ -28,6 +29,7 @@
 #define REAL double
 #include "tiny.tmpl.h"
 #include "contract.tmpl.h"
+#include "freeze.tmpl.h"
 #include "failures.tmpl.h"
 
 static void status_names(void **unused) {
@@ -61,6 +63,10 @@ int main(void) {
         BOTH(restart_after_failure),
         BOTH(moved),
         BOTH(input),
+        BOTH(steady_statuses),
+        BOTH(frozen_gain),
+        BOTH(frozen_failures),
+        BOTH(frozen_faults),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

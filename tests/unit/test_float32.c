@@ -123,9 +123,9 @@ static void build_station(int k, float c) {
         memcpy(s->R_inverse_twice + i * 3, from->R_inverse_twice, sizeof from->R_inverse_twice);
     }
     const single_config_t config = {STATES,  ROWS, SLOTS, A,    Q,    NULL,         x0, P0, s->weight,
-                                    s->rows, s->C, s->F,  s->S, s->R_inverse, c};
+                                    s->rows, s->C, s->F,  s->S, s->R_inverse, c, NULL};
     const twice_config_t config_twice = {STATES,  ROWS,       SLOTS,      A_twice,    Q_twice,            NULL,     x0_twice, P0_twice, s->weight_twice,
-                                         s->rows, s->C_twice, s->F_twice, s->S_twice, s->R_inverse_twice, (double)c};
+                                         s->rows, s->C_twice, s->F_twice, s->S_twice, s->R_inverse_twice, (double)c, NULL};
     memcpy(&s->config, &config, sizeof config);
     memcpy(&s->config_twice, &config_twice, sizeof config_twice);
     assert_int_equal(single_start(&s->filter, &s->config), MK_OK);

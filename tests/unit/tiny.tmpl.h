@@ -37,7 +37,7 @@ static void NAME(bench_start)(TYPE(bench) * b) {
                          MK_OK);
     }
     const TYPE(mk_rkfd_config) config = {2,        2,       3,    b->A, b->Q, b->r,         b->x0,       b->P0,
-                                         b->weight, b->rows, b->C, b->F, b->S, b->R_inverse, (REAL)0.02};
+                                         b->weight, b->rows, b->C, b->F, b->S, b->R_inverse, (REAL)0.02, NULL};
     memcpy(&b->config, &config, sizeof config);
     assert_int_equal(TINY(start)(&b->filter, &b->config), MK_OK);
 }

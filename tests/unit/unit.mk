@@ -9,7 +9,7 @@ CFLAGS ?= -O2
 UNIT_DIR := tests/unit
 # Another build of the library: with UNIT_NUMERIC for its headers, the amalgamation is tested so.
 UNIT_LIBRARY := src/meshkal/meshkal.c
-UNIT_TESTS := gamma step network unrolled contract limits silence float32
+UNIT_TESTS := gamma step frozen network unrolled contract limits silence float32
 UNIT_HELPERS := reference generator node
 UNIT_LIBS := -lcmocka -llapacke -llapack -lblas -lm
 UNIT_NUMERIC := -Iinclude -Isrc -ffp-contract=off

@@ -5,6 +5,7 @@
 
 #include "c_header.h"
 #include "commands.h"
+#include "design/steady.h"
 #include "design_report.h"
 #include "file.h"
 #include "first_error.h"
@@ -17,8 +18,9 @@
 #define COVARIANCES_LIMIT 10000
 
 typedef struct {
-    const char *json, *c_header, *real, *per_step, *tolerance, *c_max, *threads;
+    const char *json, *c_header, *real, *per_step, *tolerance, *c_max, *threads, *frozen;
     int allow_unobservable, covariances;
+    double close;
 } arguments_t;
 
 static int check_observability(mk_design_results_t *r, int allow, mk_error_t *error) {
@@ -76,19 +78,21 @@ static void free_results(mk_design_results_t *r) {
     free(r->node);
 }
 
-static int check_arguments(mk_design_results_t *r, const arguments_t *a, double *tolerance, mk_error_t *error) {
+static int check_arguments(mk_design_results_t *r, arguments_t *a, double *tolerance, mk_error_t *error) {
     long long threads = mk_cores();
     if (!mk_option_real("tolerance", a->tolerance, 0.0, 1e6, tolerance, error) ||
         !mk_option_integer("per-step", a->per_step, 1, 100000000, &r->steps, error) ||
-        !mk_option_integer("threads", a->threads, 1, 1024, &threads, error))
+        !mk_option_integer("threads", a->threads, 1, 1024, &threads, error) ||
+        !mk_option_real("frozen", a->frozen, MK_LEAST_CLOSE, MK_MOST_CLOSE, &a->close, error))
         return 0;
     r->threads = (int)threads;
     if (a->real && strcmp(a->real, "float32") != 0 && strcmp(a->real, "float64") != 0)
         return mk_fail(error, "--real %s: must be float32 or float64", a->real);
+    if (a->frozen && !a->c_header) return mk_fail(error, "--frozen goes with --c-header");
     return !a->per_step || a->json || mk_fail(error, "--per-step goes with --json");
 }
 
-static int design(mk_design_results_t *r, const arguments_t *a, mk_error_t *error) {
+static int design(mk_design_results_t *r, arguments_t *a, mk_error_t *error) {
     const mk_scenario_t *s = r->scenario;
     const double begin = mk_seconds();
     double tolerance = s->tolerance;
@@ -121,6 +125,7 @@ int mk_command_design(int argc, char **argv) {
                                    {"c-max", &a.c_max, NULL},
                                    {"threads", &a.threads, NULL},
                                    {"covariances", NULL, &a.covariances},
+                                   {"frozen", &a.frozen, NULL},
                                    {"allow-unobservable", NULL, &a.allow_unobservable},
                                    {NULL, NULL, NULL}};
     const double begin = mk_seconds();
@@ -133,7 +138,7 @@ int mk_command_design(int argc, char **argv) {
     int status = a.json && !mk_open_output(&file, a.json, &error) ? MK_EXIT_INPUT : 0;
     const int opened = a.json && !status;
     if (!status && !design(&r, &a, &error)) status = MK_EXIT_INPUT;
-    if (!status && a.c_header && !mk_write_headers(a.c_header, a.real ? a.real : "float64", &scenario, &r.design, &error))
+    if (!status && a.c_header && !mk_write_headers(a.c_header, a.real ? a.real : "float64", &scenario, &r.design, a.close, stderr, &error))
         status = MK_EXIT_FAILED;
     if (opened) {
         mk_error_t file_error;

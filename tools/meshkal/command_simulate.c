@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include "commands.h"
+#include "design/steady.h"
 #include "json_out.h"
 #include "parallel.h"
 #include "signals.h"
@@ -14,7 +15,7 @@
 #define HORIZON_MARGIN 100
 
 typedef struct {
-    const char *filter, *steps, *seed, *runs, *real, *loss, *tolerance, *measurements, *truth, *horizon, *out, *json, *threads, *resume, *split;
+    const char *filter, *steps, *seed, *runs, *real, *loss, *tolerance, *measurements, *truth, *horizon, *out, *json, *threads, *resume, *split, *frozen;
 } arguments_t;
 
 static int read_arguments(int argc, char **argv, int alone, arguments_t *a, const char **path, mk_error_t *error) {
@@ -22,7 +23,7 @@ static int read_arguments(int argc, char **argv, int alone, arguments_t *a, cons
                                    {"runs", &a->runs, NULL},     {"real", &a->real, NULL},           {"loss", &a->loss, NULL},
                                    {"tolerance", &a->tolerance, NULL}, {"measurements", &a->measurements, NULL}, {"truth", &a->truth, NULL},
                                    {"horizon", &a->horizon, NULL},     {"out", &a->out, NULL},                   {"json", &a->json, NULL},
-                                   {"threads", &a->threads, NULL},     {"resume", &a->resume, NULL},
+                                   {"threads", &a->threads, NULL},     {"resume", &a->resume, NULL},           {"frozen", &a->frozen, NULL},
                                    {alone ? NULL : "split", &a->split, NULL}, {NULL, NULL, NULL}};
     return mk_parse_options(argc, argv, options, "the scenario file", path, error);
 }
@@ -57,6 +58,9 @@ static int set_campaign(mk_campaign_t *c, const arguments_t *a, const mk_scenari
     if (a->resume && a->out) return mk_fail(error, "--resume keeps figures, not logs: leave --out away");
     if (a->resume && a->measurements) return mk_fail(error, "--resume: recorded measurements are one run");
     if (!mk_filter_find(a->filter ? a->filter : "rkfdnu2", &c->filter, error)) return 0;
+    if (!mk_option_real("frozen", a->frozen, MK_LEAST_CLOSE, MK_MOST_CLOSE, &c->frozen, error)) return 0;
+    if (a->frozen && c->filter && c->filter->mode == MK_TOLERANCE_SCHEDULE)
+        return mk_fail(error, "--frozen: %s has another tolerance at every step, so its gain is not constant", c->filter->name);
     if (!c->filter && a->out) return mk_fail(error, "--out: a log holds one filter; choose one with --filter");
     if (s->nodes > UINT16_MAX && (!c->filter || c->filter->central))
         return mk_fail(error, "a centralised filter takes at most %d nodes, not %d", UINT16_MAX, s->nodes);
@@ -86,9 +90,11 @@ static int open_source(mk_source_t *source, mk_campaign_t *c, const arguments_t 
 
 /* Everything that decides the numbers of a run, but the filter and the recorded files. */
 static void identify(char *text, size_t room, const mk_campaign_t *c, const mk_source_t *source) {
-    (void)snprintf(text, room, "meshkal " MK_VERSION " scenario %s seed %llu steps %d loss %.17g tolerance %.17g real %s truth %s horizon %d",
+    char frozen[40] = "";
+    if (c->frozen > 0.0) (void)snprintf(frozen, sizeof frozen, " frozen %.17g", c->frozen);
+    (void)snprintf(text, room, "meshkal " MK_VERSION " scenario %s seed %llu steps %d loss %.17g tolerance %.17g real %s truth %s horizon %d%s",
                    c->scenario->sha256, (unsigned long long)c->seed, c->steps, c->loss, c->tolerance, c->network->name, mk_truth_name(source->truth),
-                   source->worst.horizon);
+                   source->worst.horizon, frozen);
 }
 
 /* Runs the campaign's filter, or all of them if it has none, into the table and the JSON list. An exit status. */

@@ -49,6 +49,7 @@ mk_status_t MK_F(mk_rkfd_sensor)(int n, int m, int rows, const MK_REAL *C, const
 
 mk_status_t MK_F(mk_rkfd_set_tolerance)(MK_F_T(mk_rkfd) * core, MK_REAL tolerance) {
     if (!(tolerance >= MK_R(0.0) && tolerance * MK_R(0.0) == MK_R(0.0))) return MK_ERROR_TOLERANCE;
+    if (tolerance != core->tolerance) core->steady = 0;
     core->tolerance = tolerance;
     return MK_OK;
 }
@@ -70,6 +71,17 @@ static mk_status_t MK_F(mk_rkfd_check)(int n, int m, int slots, const MK_F_T(mk_
     return MK_OK;
 }
 
+static mk_status_t MK_F(mk_rkfd_check_steady)(int n, int m, int slots, const MK_F_T(mk_rkfd_steady) * steady, MK_REAL *work) {
+    if (!steady) return MK_OK;
+    if (!steady->Phi || !steady->G || !steady->W) return MK_ERROR_ARGUMENT;
+    const MK_REAL numbers[3] = {steady->theta, steady->trace_P, steady->close};
+    if (!MK_F(mk_all_finite)(n * n, steady->Phi) || !MK_F(mk_all_finite)(slots * m * n, steady->G) ||
+        !MK_F(mk_all_finite)(MK_AT(n, 0), steady->W) || !MK_F(mk_all_finite)(3, numbers))
+        return MK_ERROR_NOT_FINITE;
+    if (!(steady->close > MK_R(0.0)) || steady->theta < MK_R(0.0) || steady->period < 1) return MK_ERROR_ARGUMENT;
+    return MK_F(mk_positive_definite)(n, steady->W, work) ? MK_OK : MK_ERROR_NOT_POSITIVE_DEFINITE;
+}
+
 static mk_status_t MK_F(mk_rkfd_reset)(int n, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *x0, const MK_REAL *P0) {
     if (!x0 || !P0) return MK_ERROR_ARGUMENT;
     if (!MK_F(mk_all_finite)(n, x0)) return MK_ERROR_NOT_FINITE;
@@ -83,6 +95,7 @@ static mk_status_t MK_F(mk_rkfd_reset)(int n, int slots, const MK_F_T(mk_rkfd_vi
 mk_status_t MK_F(mk_rkfd_start)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view,
                                 const MK_F_T(mk_rkfd_config) * config) {
     mk_status_t status = MK_F(mk_rkfd_check)(n, m, slots, config);
+    if (status == MK_OK) status = MK_F(mk_rkfd_check_steady)(n, m, slots, config->steady, view->work);
     if (status != MK_OK) return status;
     MK_F_T(mk_rkfd) core;
     memset(&core, 0, sizeof core);
@@ -101,8 +114,11 @@ mk_status_t MK_F(mk_rkfd_start)(int n, int m, int slots, const MK_F_T(mk_rkfd_vi
 mk_status_t MK_F(mk_rkfd_restart)(int n, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *x0, const MK_REAL *P0) {
     if (view->core->stage == 0) return MK_ERROR_ORDER;
     const mk_status_t status = MK_F(mk_rkfd_reset)(n, slots, view, x0, P0);
-    if (status == MK_OK) view->core->stage = 1;
-    return status;
+    if (status != MK_OK) return status;
+    view->core->stage = 1;
+    view->core->steady = 0;
+    view->core->frozen = 0;
+    return MK_OK;
 }
 
 /* An input arrived and is refused: counted, and seen in the faults of the step. */
@@ -139,6 +155,23 @@ mk_status_t MK_F(mk_rkfd_put_estimate)(int n, const MK_F_T(mk_rkfd_view) * view,
 
 mk_status_t MK_F(mk_rkfd_incremental)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *input) {
     return MK_F(mk_inline_rkfd_incremental)(n, m, slots, view, input);
+}
+
+void MK_F(mk_rkfd_settle)(int n, int complete, MK_F_T(mk_rkfd) * core, MK_REAL *W, MK_REAL *work) {
+    const MK_F_T(mk_rkfd_steady) *const steady = core->config->steady;
+    core->frozen = 0;
+    core->steady = 0;
+    /* Not without all readings, however little they weigh: a filter that lost one for good would be put back at every step. */
+    if (!complete || core->tolerance != core->config->tolerance) return;
+    for (int i = 0; i < n; i++) {
+        work[i] = MK_F(mk_sqrt)(steady->W[MK_AT(i, i)]);
+        for (int j = 0; j <= i; j++) {
+            const MK_REAL apart = W[MK_AT(i, j)] - steady->W[MK_AT(i, j)], limit = steady->close * work[i] * work[j];
+            if (!(apart <= limit && -apart <= limit)) return;
+        }
+    }
+    for (int i = 0; i < MK_AT(n, 0); i++) W[i] = steady->W[i];
+    core->steady = steady->period;
 }
 
 mk_status_t MK_F(mk_rkfd_diffuse)(int n, int slots, const MK_F_T(mk_rkfd_view) * view) {

@@ -88,8 +88,7 @@ MK_KERNEL MK_REAL MK_F(mk_rkfd_gather)(int n, int m, const MK_F_T(mk_rkfd_config
     return square;
 }
 
-MK_KERNEL mk_status_t MK_F(mk_inline_rkfd_incremental)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view,
-                                                       const MK_REAL *input) {
+MK_KERNEL mk_status_t MK_F(mk_rkfd_robust)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *input) {
     MK_F_T(mk_rkfd) *const core = view->core;
     const MK_F_T(mk_rkfd_config) *const config = core->config;
     if (core->stage != 1) return MK_ERROR_ORDER;

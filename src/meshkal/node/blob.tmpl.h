@@ -50,6 +50,8 @@ static void MK_F(mk_node_walk)(int n, int m, int slots, const MK_F_T(mk_node_vie
     mk_blob_u16(blob, &core->faults);
     mk_blob_u16(blob, &node->gated);
     mk_blob_u16(blob, &node->gated_steps);
+    mk_blob_u16(blob, &core->steady);
+    mk_blob_u8(blob, &core->frozen);
     mk_blob_u8(blob, &core->stage);
     mk_blob_u8(blob, &core->rejected_now);
     for (int l = 0; l < slots; l++) {
@@ -67,7 +69,7 @@ static int MK_F(mk_node_blob_numbers)(int n, int m, int slots, const MK_F_T(mk_n
 }
 
 static size_t MK_F(mk_node_blob_length)(int n, int m, int slots, const MK_F_T(mk_node_config) * config) {
-    return MK_BLOB_HEADER + 40 + 4 * MK_STATUS_COUNT + 16 + 7 * (size_t)slots + 4 +
+    return MK_BLOB_HEADER + 40 + 4 * MK_STATUS_COUNT + 19 + 7 * (size_t)slots + 4 +
            sizeof(MK_REAL) * (size_t)MK_F(mk_node_blob_numbers)(n, m, slots, config);
 }
 
@@ -120,6 +122,7 @@ mk_status_t MK_F(mk_node_restore)(int n, int m, int slots, const MK_F_T(mk_node_
     if (!bytes || !config) return MK_ERROR_ARGUMENT;
     mk_status_t status = MK_F(mk_node_check)(slots, config);
     if (status == MK_OK) status = MK_F(mk_rkfd_check)(n, m, slots, &config->filter);
+    if (status == MK_OK) status = MK_F(mk_rkfd_check_steady)(n, m, slots, config->filter.steady, view->filter.work);
     if (status != MK_OK) return status;
     uint8_t header[MK_BLOB_HEADER];
     MK_F(mk_node_blob_header)(n, m, slots, config, header);
@@ -139,6 +142,13 @@ mk_status_t MK_F(mk_node_restore)(int n, int m, int slots, const MK_F_T(mk_node_
     view->node->config = config;
     view->filter.core->config = &config->filter;
     MK_F(mk_node_walk)(n, m, slots, view, config, &blob);
+    /* A frozen gain goes on only where it is this configuration's. */
+    MK_F_T(mk_rkfd) *const core = view->filter.core;
+    const MK_F_T(mk_rkfd_steady) *const steady = config->filter.steady;
+    if (!steady || core->tolerance != config->filter.tolerance) core->steady = 0;
+    else if (core->steady > steady->period) core->steady = steady->period;
+    for (int i = 0; i < MK_AT(n, 0) && core->steady; i++)
+        if (view->filter.W[i] != steady->W[i]) core->steady = 0;
     for (int l = 0; config->foreign && l < slots; l++)
         if (config->foreign->slot[l])
             (void)MK_F(mk_node_put_model)(n, m, config->foreign, l, config->filter.rows[l], config->foreign->C + l * m * n);

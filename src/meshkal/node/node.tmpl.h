@@ -16,6 +16,7 @@ static mk_status_t MK_F(mk_node_check)(int slots, const MK_F_T(mk_node_config) *
             if (!(gate->reading[l] >= MK_R(0.0) && gate->reading[l] <= MK_LARGEST)) return MK_ERROR_ARGUMENT;
     }
     const MK_F_T(mk_node_foreign) *const foreign = config->foreign;
+    if (foreign && config->filter.steady) return MK_ERROR_ARGUMENT; /* a gain of sensors that may change */
     if (foreign && (!foreign->slot || foreign->slot[0] || foreign->C != config->filter.C || foreign->F != config->filter.F ||
                     foreign->S != config->filter.S || foreign->R_inverse != config->filter.R_inverse || !(foreign->limit >= MK_R(0.0))))
         return MK_ERROR_ARGUMENT;

@@ -45,7 +45,9 @@ static mk_status_t MK_F(mk_note_configuration)(const MK_F_T(mk_node_config) * co
     const MK_F_T(mk_rkfd_config) *const c = &config->filter;
     const int n = c->n, m = c->m, slots = c->slots, packed = MK_AT(n, 0);
     const int gate = config->gate ? slots + 1 : 0, foreign = config->foreign != 0;
-    const int numbers = n * n + 2 * packed + (c->input ? 2 : 1) * n + slots * (1 + 2 * m * n + packed + MK_AT(m, 0)) + 1 + gate + foreign;
+    const MK_F_T(mk_rkfd_steady) *const steady = c->steady;
+    const int numbers = n * n + 2 * packed + (c->input ? 2 : 1) * n + slots * (1 + 2 * m * n + packed + MK_AT(m, 0)) + 1 + gate + foreign +
+                        (steady ? n * n + slots * m * n + packed + 4 : 0);
     const size_t start = 18 + 4 * (size_t)slots;
     uint8_t *at = mk_item_begin(recorder, MK_ITEM_CONFIGURATION, MK_OK, start + (size_t)numbers * sizeof *c->A);
     if (!at) return MK_ERROR_LENGTH;
@@ -57,7 +59,7 @@ static mk_status_t MK_F(mk_note_configuration)(const MK_F_T(mk_node_config) * co
     at[10] = MK_BITS;
     at[11] = config->numbers;
     at[12] = config->with_model;
-    at[13] = (uint8_t)((c->input ? 1 : 0) | (gate ? 2 : 0) | (foreign ? 4 : 0));
+    at[13] = (uint8_t)((c->input ? 1 : 0) | (gate ? 2 : 0) | (foreign ? 4 : 0) | (steady ? 8 : 0));
     mk_put_u32(at + 14, config->model);
     at += 18;
     for (int l = 0; l < slots; l++, at += 4) {
@@ -77,7 +79,14 @@ static mk_status_t MK_F(mk_note_configuration)(const MK_F_T(mk_node_config) * co
     at = MK_F(mk_put_numbers)(at, slots * MK_AT(m, 0), c->R_inverse);
     at = MK_F(mk_put_numbers)(at, 1, &c->tolerance);
     if (gate) at = MK_F(mk_put_numbers)(MK_F(mk_put_numbers)(at, slots, config->gate->reading), 1, &config->gate->estimate);
-    if (foreign) (void)MK_F(mk_put_numbers)(at, 1, &config->foreign->limit);
+    if (foreign) at = MK_F(mk_put_numbers)(at, 1, &config->foreign->limit);
+    if (steady) {
+        const MK_REAL rest[] = {steady->theta, steady->trace_P, steady->close, (MK_REAL)steady->period};
+        at = MK_F(mk_put_numbers)(at, n * n, steady->Phi);
+        at = MK_F(mk_put_numbers)(at, slots * m * n, steady->G);
+        at = MK_F(mk_put_numbers)(at, packed, steady->W);
+        (void)MK_F(mk_put_numbers)(at, 4, rest);
+    }
     mk_item_end(recorder);
     return MK_OK;
 }

@@ -34,6 +34,7 @@ void MK_F(mk_node_judge_readings)(int n, int m, int slots, const MK_F_T(mk_node_
         filter->have_y[l] = back ? filter->have_y[l] & 3 : 0;
     }
     if (back) {
+        filter->core->steady = 0; /* W is another */
         node->gated_steps = 0;
         node->reinitialised++;
     } else {

@@ -43,6 +43,7 @@ void MK_F(mk_config_open)(MK_F_T(mk_rkfd_config) * config, int n, int m, int slo
     config->S = config->F + slots * m * n;
     config->R_inverse = config->S + slots * np;
     config->tolerance = (MK_REAL)tolerance;
+    config->steady = NULL;
 }
 
 /* Copies `used` numbers and makes zeros of the rest: rows that a sensor lacks. */

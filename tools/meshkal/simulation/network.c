@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "design/sized.h"
+#include "design/steady.h"
 #include "parallel.h"
 #include "scenario_read.h"
 
@@ -84,6 +85,7 @@ mk_snapshot_t mk_snapshot_make(const mk_network_t *network, int estimators, cons
     snapshot.nis = mk_allocate(count, size);
     snapshot.nis_rows = mk_allocate(count, sizeof *snapshot.nis_rows);
     snapshot.faults = mk_allocate(count, sizeof *snapshot.faults);
+    snapshot.frozen = mk_allocate(count, 1);
     return snapshot;
 }
 
@@ -96,4 +98,5 @@ void mk_snapshot_free(mk_snapshot_t *snapshot) {
     free(snapshot->nis);
     free(snapshot->nis_rows);
     free(snapshot->faults);
+    free(snapshot->frozen);
 }

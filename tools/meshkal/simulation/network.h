@@ -13,6 +13,7 @@ typedef struct {
     void *estimate, *trace_covariance, *position_covariance; /* before the step: belong to t */
     void *theta, *tolerance, *nis;     /* of the step */
     uint32_t *nis_rows, *faults;
+    uint8_t *frozen;
 } mk_snapshot_t;
 
 /* What a step has found, summed over estimators. */
@@ -23,8 +24,9 @@ enum { MK_THETA, MK_TOLERANCE, MK_NIS, MK_NIS_ROWS, MK_FINDINGS };
 typedef struct {
     size_t real_size;
     const char *name;
-    /* threads: how many work on it at once. topology stays the caller's. */
-    void *(*open)(const mk_scenario_t *scenario, const mk_topology_t *topology, const double *tolerance, int threads);
+    /* threads: how many work on it at once. frozen > 0: estimators that have a limit freeze their gain that close to it (design/steady.h).
+       topology and tolerance stay the caller's. */
+    void *(*open)(const mk_scenario_t *scenario, const mk_topology_t *topology, const double *tolerance, double frozen, int threads);
     void (*close)(void *network);
     /* All nodes to x0, P0. */
     mk_status_t (*start)(void *network, int *bad);

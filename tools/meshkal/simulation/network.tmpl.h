@@ -16,6 +16,10 @@ typedef struct {
     MK_F_T(mk_rkfd_config) * config; /* of every estimator; with `sensor` of every thread */
     MK_REAL *room;                   /* of the configurations */
     uint8_t *rows;
+    MK_F_T(mk_rkfd_steady) * steady; /* of every estimator, Phi null where it has none; null: no gain is frozen */
+    MK_REAL *steady_room;
+    size_t *steady_first;
+    double close;
     /* Of each thread: scratch of the kernels, y, psi; have_y, have_psi. */
     MK_REAL *scratch;
     uint8_t *flags;
@@ -38,6 +42,7 @@ static void MK_F(configure)(const MK_F_T(network) * net, int e, MK_F_T(mk_rkfd_c
     const mk_topology_t *topology = net->topology;
     const int first = topology->first[e], slots = topology->first[e + 1] - first, m = MK_F(most_rows)(net, e);
     MK_F(mk_config_open)(config, net->n, m, slots, net->tolerance[e], net->model, room, rows);
+    if (net->steady && net->steady[e].Phi) config->steady = &net->steady[e];
     for (int l = 0; l < slots; l++) {
         const int k = heard_of(topology, first + l);
         MK_F(mk_config_slot)(net->n, m, slots, l, net->sensor + net->sensor_first[k], net->sensor_rows[k], room, rows);
@@ -126,7 +131,32 @@ static void MK_F(allocate)(MK_F_T(network) * net) {
     net->sensor = NULL;
 }
 
-static void *MK_F(open)(const mk_scenario_t *s, const mk_topology_t *topology, const double *tolerance, int threads) {
+static void MK_F(put_steady)(void *context, int worker, long index) {
+    MK_F_T(network) *net = context;
+    const int e = (int)index;
+    const char *why;
+    MK_F_T(mk_rkfd_config) config;
+    (void)worker;
+    MK_F(mk_config_make)(&config, net->scenario, net->topology, e, net->tolerance[e]);
+    MK_F_T(mk_rkfd_steady) *steady = &net->steady[e];
+    if (!MK_F(mk_steady_make)(steady, net->steady_room + net->steady_first[e], &config, net->scenario, net->topology, e, net->tolerance[e], net->close, &why))
+        steady->Phi = NULL;
+    MK_F(mk_config_free)(&config);
+}
+
+static void MK_F(make_steady)(MK_F_T(network) * net) {
+    const size_t n = (size_t)net->n, E = (size_t)net->estimators;
+    net->steady = mk_allocate(E, sizeof *net->steady);
+    net->steady_first = mk_allocate(E + 1, sizeof *net->steady_first);
+    for (size_t e = 0; e < E; e++) {
+        const size_t slots = (size_t)(net->topology->first[e + 1] - net->topology->first[e]), m = (size_t)MK_F(most_rows)(net, (int)e);
+        net->steady_first[e + 1] = net->steady_first[e] + MK_STEADY_NUMBERS(n, m, slots);
+    }
+    net->steady_room = mk_allocate(net->steady_first[E], sizeof *net->steady_room);
+    mk_parallel(net->threads, net->estimators, MK_F(put_steady), net);
+}
+
+static void *MK_F(open)(const mk_scenario_t *s, const mk_topology_t *topology, const double *tolerance, double frozen, int threads) {
     const size_t n = (size_t)s->n, E = (size_t)topology->estimators;
     const int sensors = sensors_of(topology, s);
     MK_F_T(network) *net = mk_allocate(1, sizeof *net);
@@ -152,6 +182,8 @@ static void *MK_F(open)(const mk_scenario_t *s, const mk_topology_t *topology, c
     }
     net->sensor = mk_allocate(net->sensor_first[sensors], sizeof *net->sensor);
     mk_parallel(threads, (sensors + CHUNK - 1) / CHUNK, MK_F(put_sensors), net);
+    net->close = frozen;
+    if (frozen > 0.0) MK_F(make_steady)(net);
     MK_F(allocate)(net);
     return net;
 }
@@ -169,6 +201,9 @@ static void MK_F(close)(void *network) {
     free(net->config);
     free(net->room);
     free(net->rows);
+    free(net->steady);
+    free(net->steady_room);
+    free(net->steady_first);
     free(net->scratch);
     free(net->flags);
     free(net->chunk);
@@ -343,6 +378,7 @@ static void MK_F(look_after)(void *network, mk_snapshot_t *snapshot) {
         nis[e] = core->nis;
         snapshot->nis_rows[e] = core->nis_rows;
         snapshot->faults[e] = core->faults;
+        snapshot->frozen[e] = core->frozen;
     }
 }
 

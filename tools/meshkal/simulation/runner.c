@@ -33,7 +33,7 @@ void mk_runner_open(mk_runner_t *r, const mk_campaign_t *c, const mk_source_t *s
     r->schedule = schedule;
     r->threads = topology->estimators < WORTH_THREADS ? 1 : threads;
     mk_stream_open(&r->stream, source, c->filter->central || team->ranks == 1 ? NULL : topology, team, s->nodes < WORTH_THREADS ? 1 : threads);
-    r->net = c->network->open(s, topology, tolerance, threads);
+    r->net = c->network->open(s, topology, tolerance, schedule ? 0.0 : c->frozen, threads);
     if (c->log_path) r->snapshot = mk_snapshot_make(c->network, topology->estimators, s);
     r->slots = (size_t)topology->first[E];
     r->y_arrived = mk_allocate(2 * r->slots, 1);
@@ -190,7 +190,7 @@ static void write_item(mk_runner_t *r, mk_run_log_t *log, int run, int t) {
     const mk_snapshot_t *seen = &r->snapshot;
     const size_t size = r->c->network->real_size;
     const int truth = r->source->has_truth, central = r->c->filter->central, positions = s->position_count;
-    if (log) mk_log_begin(log, run, t, 9 + 2 * truth + !central + (positions > 0));
+    if (log) mk_log_begin(log, run, t, 9 + 2 * truth + !central + (positions > 0) + (r->c->frozen > 0.0));
     if (truth && log) mk_log_reals(log, "truth", r->stream.x, 8, (size_t)s->n);
     log_readings(r, log);
     log_slots(r, log, "measurements_arrived", r->y_arrived);
@@ -204,6 +204,10 @@ static void write_item(mk_runner_t *r, mk_run_log_t *log, int run, int t) {
     log_reals(r, log, "nis", seen->nis, size, 1);
     log_uint32(r, log, "nis_rows", seen->nis_rows);
     log_uint32(r, log, "faults", seen->faults);
+    if (r->c->frozen > 0.0) {
+        const void *all = whole(r, seen->frozen, NULL, 1);
+        if (log) mk_log_uint8(log, "frozen", all, (size_t)r->total);
+    }
     if (log) mk_log_end(log);
 }
 
@@ -312,6 +316,7 @@ static mk_run_state_t add_up(mk_runner_t *r, mk_record_t *record) {
         *record->theta += value[FINDINGS + MK_THETA] / total / window;
         *record->tolerance += value[FINDINGS + MK_TOLERANCE] / total / window;
         *record->nis_ratio += value[FINDINGS + MK_NIS_ROWS] > 0.0 ? value[FINDINGS + MK_NIS] / value[FINDINGS + MK_NIS_ROWS] / window : 0.0;
+        r->nis_steps += value[FINDINGS + MK_NIS_ROWS] > 0.0;
     }
     memset(r->sums, 0, (1 + (size_t)r->waiting * STEP_SUMS) * sizeof *r->sums);
     r->from += r->waiting;
@@ -323,6 +328,8 @@ static mk_run_state_t add_up(mk_runner_t *r, mk_record_t *record) {
 static void finish_record(mk_runner_t *r, mk_record_t *record) {
     const size_t n = (size_t)r->c->scenario->n, E = (size_t)r->topology->estimators;
     const int truth = r->source->has_truth, window = r->c->steps - r->c->steps / 2;
+    /* A frozen step has no nis: the mean is over those that have. */
+    if (r->c->frozen > 0.0) *record->nis_ratio = r->nis_steps ? *record->nis_ratio * window / r->nis_steps : (double)NAN;
     for (size_t e = 0; e < E; e++) {
         r->node_square[e] = truth ? r->node_square[e] / window : (double)NAN;
         for (size_t i = 0; i < n; i++) mk_exact_add(&r->sums[i], r->state_square[e * n + i]);
@@ -375,7 +382,7 @@ mk_run_state_t mk_runner_run(mk_runner_t *r, int run, mk_record_t *record, mk_ru
     const int most = NODE_STEPS_WAIT / r->total < LONGEST_WAIT ? NODE_STEPS_WAIT / r->total + 1 : LONGEST_WAIT;
     const int wait = c->log_path || r->team->ranks == 1 ? 1 : most;
     mk_run_state_t state = MK_RUN_DONE;
-    r->from = r->waiting = 0;
+    r->from = r->waiting = r->nis_steps = 0;
     r->failed = -1;
     memset(r->state_square, 0, E * n * sizeof *r->state_square);
     memset(r->node_square, 0, (E + n) * sizeof *r->node_square); /* and state_known */

@@ -25,6 +25,7 @@ typedef struct {
     /* Sums over estimators of some steps, waiting to be added up with those of the other parts; the first says who is in trouble. */
     mk_exact_t *sums;
     mk_exact_t *thread_sums; /* of the step, by threads but the first */
+    int nis_steps;     /* of the steady half: those in which some estimator had a nis */
     int waiting, from; /* steps that wait, the first of them */
     unsigned char *send, *receive, *gathered;
     double *own_y; /* rows of the part's own sensors; null where the process holds all */

@@ -1,0 +1,27 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * Test vectors of the library: calls with seeded random inputs and edge cases, written once and compiled for the host and for every target, in
+ * the precision VECTOR_BITS. Whatever a call leaves behind is handed to the functions at the end, in an order that depends on nothing.
+ * The host's program (vectors_write.c) writes it down; the image (vectors_compare.c) compares it, bit by bit. Inputs are drawn with integers and exact
+ * operations, and are compared too, so that a difference says where it comes from.
+ */
+#ifndef FIRMWARE_VECTORS_H
+#define FIRMWARE_VECTORS_H
+
+#include <meshkal/unrolled.h>
+
+/* After the kernels, which use these names themselves. */
+#define MK_BITS VECTOR_BITS
+#include <meshkal/real.h>
+
+typedef enum { VECTORS_SHARED, VECTORS_UNROLLED } vectors_kernels_t;
+
+/* All vectors, through the kernels of the library or those unrolled for the vectors' dimensions: both must tell the same. */
+void vectors_run(vectors_kernels_t kernels);
+
+/* Given by the program. What follows belongs to this vector: what it does, the dimensions, its number among those of that name. */
+void vector_begin(const char *name, int n, int m, int slots, int number);
+void vector_numbers(const char *what, int count, const MK_REAL *values);
+void vector_word(const char *what, uint32_t value);
+
+#endif
