@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Finds meshkal and, beside it, meshkal-node.
 
 MESHKAL           path of the program, default build/meshkal of this checkout

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Network namespaces, one a node, on one Ethernet with faults. Needs root, `ip netns` and /dev/net/tun; `Fabric` raises Unavailable with the reason.
 
 Where the kernel has netem it makes the faults, on the device of each node; otherwise the switch does.

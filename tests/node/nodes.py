@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Networks of meshkal-node processes: settings, readings drawn from the model, telemetry read back, counters of the reports."""
 import json
 import pathlib

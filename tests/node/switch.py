@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """An Ethernet switch in user space between TAP devices, with the faults of a radio: loss, delay, duplication, reordering, partitions. It stands where
 `tc netem` would, on kernels that have none, and carries unicast and multicast of IPv4 and IPv6 alike.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One node, or a few, on the loopback interface: frames byte by byte, hostile datagrams, readings, telemetry, state, clock, sleep, seals."""
 import os
 import pathlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Ten nodes in ten network namespaces, with faults on the links between them."""
 import os
 import pathlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Every key of the settings wrong once: the message names file and key, the exit status is 2, nothing is written."""
 import copy
 import json
