@@ -70,6 +70,14 @@ int mk_csv_read(mk_csv_t *csv, const char *path, int columns, const char *const 
     return good;
 }
 
+int mk_csv_index(const mk_csv_t *csv, size_t i, int column, const char *name, int limit, int *result, mk_error_t *error) {
+    const double value = csv->value[i * (size_t)csv->columns + (size_t)column];
+    if (!(value >= 0.0 && value < limit && value == floor(value)))
+        return mk_fail(error, "%s:%ld: %s is %.15g: must be an integer from 0 to %d", csv->path, csv->line[i], name, value, limit - 1);
+    *result = (int)value;
+    return 1;
+}
+
 void mk_csv_free(mk_csv_t *csv) {
     free(csv->value);
     free(csv->line);

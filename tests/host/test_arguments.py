@@ -201,6 +201,40 @@ def test_bad_csv(refused, folder, y, x, message):
     assert said.startswith(f"{folder}/{message}"), said
 
 
+ARRIVAL = "t,stage,from,to\n"
+ARRIVALS = [
+    ("", "a.csv: empty"),
+    ("t,from,to\n", "a.csv:1: the header must be t,stage,from,to"),
+    (ARRIVAL + "0,1,0\n", "a.csv:2: column from: expected a number and a comma"),
+    (ARRIVAL + "0,0,0,1\n", "a.csv:2: stage is 0: must be 1 (reading) or 2 (estimate)"),
+    (ARRIVAL + "0,1,0,1\n\n0,3,0,1\n", "a.csv:4: stage is 3: must be 1 (reading) or 2 (estimate)"),
+    (ARRIVAL + "-1,1,0,1\n", "a.csv:2: t is -1: must be an integer"),
+    (ARRIVAL + "0,1.5,0,1\n", "a.csv:2: stage is 1.5: must be an integer"),
+    (ARRIVAL + "0,1,2,1\n", "a.csv:2: from is 2: must be an integer from 0 to 1"),
+    (ARRIVAL + "0,1,1,-3\n", "a.csv:2: to is -3: must be an integer from 0 to 1"),
+    (ARRIVAL + "0,1,1,1\n", "a.csv:2: from and to are node 1: a node always hears itself, leave the line out"),
+    (ARRIVAL + "1,1,0,1\n0,1,0,1\n1,1,1,0\n1,1,0,1\n0,1,0,1\n", "a.csv:5: this arrival stands in the file already"),
+    # Of steps that are not run, too.
+    (ARRIVAL + "900000000,1,0,5\n", "a.csv:2: to is 5: must be an integer from 0 to 1"),
+]
+
+
+@pytest.mark.parametrize("text,message", ARRIVALS, ids=range(len(ARRIVALS)))
+def test_bad_arrivals(refused, folder, text, message):
+    (folder / "a.csv").write_text(text)
+    said = refused(folder, "simulate", "{}/pair.json", "--arrivals", "{}/a.csv", "--out", "{}/o", "--json", "{}/j")
+    assert said.startswith(f"{folder}/{message}"), said
+
+
+def test_arrivals_need_an_edge(refused, folder):
+    (folder / "a.csv").write_text(ARRIVAL + "3,2,0,1\n3,2,1,2\n3,2,0,2\n")
+    chain = {"model": {"A": [[0.9]], "Q": [[0.2]]}, "nodes": [{"C": [[1.0]], "R": [[0.5]]}] * 3, "edges": [[0, 1], [1, 2]], "tolerance": 0.05}
+    (folder / "chain.json").write_text(json.dumps(chain))
+    said = refused(folder, "simulate", "{}/chain.json", "--arrivals", "{}/a.csv", "--out", "{}/o")
+    assert said == f"{folder}/a.csv:4: node 2 does not hear node 0: the scenario has no edge between them"
+    assert refused(folder, "simulate", "{}/chain.json", "--arrivals", "{}/b.csv").endswith("b.csv: No such file or directory")
+
+
 def test_missing_csv(refused, folder):
     assert refused(folder, "simulate", "{}/pair.json", "--measurements", "{}/y.csv", "--out", "{}/o").endswith("y.csv: No such file or directory")
     (folder / "y.csv").write_text(HEAD + "0,0,0,1\n")

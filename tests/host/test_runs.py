@@ -325,6 +325,54 @@ def test_recording_replays(logged, tmp_path, options):
     assert same(without(blind), without(drawn, "truth", "error"))
 
 
+def arrivals(data):
+    """What arrived, by the log: (t, stage, from, to)."""
+    header, steps, _ = log(data)
+    links = [(node, k) for k, slots in enumerate(header["slots"]) for node in slots]
+    return {(i["step"], stage, *link) for i in steps for stage, key in ((1, "measurements_arrived"), (2, "estimates_arrived"))
+            for link, arrived in zip(links, i[key]) if arrived and link[0] != link[1]}
+
+
+def write_arrivals(path, lines):
+    path.write_text("t,stage,from,to\n" + "".join("%d,%d,%d,%d\n" % line for line in lines))
+
+
+@pytest.mark.parametrize("options", [(), ("--real", "float32"), ("--filter", "kfd"), ("--filter", "rkfdnu", "--truth", "least-favourable")])
+def test_arrivals_replay(logged, tmp_path, options):
+    """Drawn with losses, the arrivals written as CSV in any order, read again: every bit of every step."""
+    drawn = logged("--steps", 60, "--loss", 0.3, *options)
+    lines = sorted(arrivals(drawn), key=hash)
+    header, _, _ = log(drawn)
+    links = sum(len(slots) - 1 for slots in header["slots"])
+    assert 0.5 * 120 * links < len(lines) < 0.9 * 120 * links
+    write_arrivals(tmp_path / "a.csv", lines)
+    again = logged("--steps", 60, "--arrivals", tmp_path / "a.csv", *options)
+    assert steps_of(again) == steps_of(drawn)
+    assert log(again)[0]["loss"] == pytest.approx(1 - len(lines) / (120 * links), abs=1e-12)
+    # One arrival fewer, and the node that missed it differs from then on, no other before.
+    t, stage, sender, to = lost = next(line for line in sorted(lines) if line[0] == 30)
+    write_arrivals(tmp_path / "b.csv", [line for line in lines if line != lost])
+    other = log(logged("--steps", 60, "--arrivals", tmp_path / "b.csv", *options))[1]
+    for a, b in zip(log(drawn)[1], other):
+        x, y = (i["estimate"].reshape(8, -1) for i in (a, b))
+        differs = [k for k in range(8) if x[k].tobytes() != y[k].tobytes()]
+        assert differs == [] if a["step"] <= t else to in differs
+        assert a["step"] != t + 1 or stage == 1 or differs == [to]
+
+
+def test_no_arrivals(logged, tmp_path):
+    write_arrivals(tmp_path / "a.csv", [])
+    assert without(logged("--steps", 20, "--arrivals", tmp_path / "a.csv")) and same(
+        without(logged("--steps", 20, "--arrivals", tmp_path / "a.csv")), without(logged("--steps", 20, "--loss", 1)))
+
+
+def test_arrivals_beyond_the_run(logged, tmp_path):
+    drawn = logged("--steps", 40, "--loss", 0.5)
+    write_arrivals(tmp_path / "a.csv", sorted(arrivals(drawn)))
+    first = logged("--steps", 15, "--arrivals", tmp_path / "a.csv")
+    assert steps_of(drawn).startswith(steps_of(first))
+
+
 def test_lost_readings_may_be_left_out(logged, tmp_path):
     """To the centre, a reading that was lost on the way and one that was never made are the same."""
     drawn = logged("--steps", 80, "--filter", "rkfc", "--loss", 0.4)

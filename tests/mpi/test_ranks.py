@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: MIT
 """meshkal-mpi on 1 to 4 ranks against one process: the same bytes. Every start of mpirun takes half a second, so that cases are chosen, not
 multiplied out."""
+import io
 import json
 import pathlib
 import subprocess
 
+import cbor2
 import pytest
 
 MIXED = pathlib.Path(__file__).resolve().parents[1] / "host" / "mixed.json" # nodes of different rows
@@ -155,6 +157,37 @@ def test_ranks_with_different_recordings(mpi, scenario, recording, tmp_path):
     for mine, theirs in (((y,), (other,)), ((y, "--truth", x), (y,))):
         job = mpi([(1, scenario("complete"), "--measurements", *mine), (1, scenario("complete"), "--measurements", *theirs)], status=2)
         assert len(job.said) == 1 and job.said[0].startswith("meshkal: rank 1: data is "), job.said
+
+
+@pytest.fixture
+def arrivals(tmp_path):
+    def call(name, leave_out=()):
+        lines = [(t, stage, *link) for t in range(NETWORKS[name]["steps"]) for stage in (1, 2) for a, b in NETWORKS[name]["edges"]
+                 for link in ((a, b), (b, a)) if (5 * t + 3 * link[0] + link[1] + stage) % 4]
+        path = tmp_path / f"{name}{len(leave_out)}.csv"
+        path.write_text("t,stage,from,to\n" + "".join("%d,%d,%d,%d\n" % line for line in lines if line not in leave_out))
+        return path, lines
+    return call
+
+
+def test_recorded_arrivals(as_one, arrivals):
+    as_one("grid", ("--arrivals", arrivals("grid")[0]), (2, *NODES), (4, *NODES), (2, *RUNS))
+
+
+def test_recorded_arrivals_in_another_order(as_one, alone, arrivals, scenario):
+    path, lines = arrivals("large")
+    as_one("large", ("--arrivals", path), (3, *NODES), log=False)
+    items = io.BytesIO(alone(scenario("large"), "--arrivals", path, "--out", "-").stdout)
+    links = [(node, k) for k, slots in enumerate(cbor2.load(items)["slots"]) for node in slots]
+    found = {(t, stage, *link) for t in range(3) for item in [cbor2.load(items)] for stage, key in ((1, "measurements_arrived"), (2, "estimates_arrived"))
+             for link, arrived in zip(links, item[key].value) if arrived and link[0] != link[1]}
+    assert found == set(lines)
+
+
+def test_ranks_with_different_arrivals(mpi, scenario, arrivals):
+    path, lines = arrivals("complete")
+    job = mpi([(1, scenario("complete"), "--arrivals", path), (1, scenario("complete"), "--arrivals", arrivals("complete", lines[:1])[0])], status=2)
+    assert len(job.said) == 1 and job.said[0].startswith("meshkal: rank 1: "), job.said
 
 
 # --- failures: said once, by every rank, and nothing left behind ---------------------------------------------------

@@ -15,7 +15,8 @@
 #define HORIZON_MARGIN 100
 
 typedef struct {
-    const char *filter, *steps, *seed, *runs, *real, *loss, *tolerance, *measurements, *truth, *horizon, *out, *json, *threads, *resume, *split, *frozen;
+    const char *filter, *steps, *seed, *runs, *real, *loss, *tolerance, *measurements, *truth, *horizon, *out, *json, *threads, *resume, *split,
+        *frozen, *arrivals;
 } arguments_t;
 
 static int read_arguments(int argc, char **argv, int alone, arguments_t *a, const char **path, mk_error_t *error) {
@@ -24,6 +25,7 @@ static int read_arguments(int argc, char **argv, int alone, arguments_t *a, cons
                                    {"tolerance", &a->tolerance, NULL}, {"measurements", &a->measurements, NULL}, {"truth", &a->truth, NULL},
                                    {"horizon", &a->horizon, NULL},     {"out", &a->out, NULL},                   {"json", &a->json, NULL},
                                    {"threads", &a->threads, NULL},     {"resume", &a->resume, NULL},           {"frozen", &a->frozen, NULL},
+                                   {"arrivals", &a->arrivals, NULL},
                                    {alone ? NULL : "split", &a->split, NULL}, {NULL, NULL, NULL}};
     return mk_parse_options(argc, argv, options, "the scenario file", path, error);
 }
@@ -57,7 +59,12 @@ static int set_campaign(mk_campaign_t *c, const arguments_t *a, const mk_scenari
     if (a->measurements && c->runs != 1) return mk_fail(error, "--runs: recorded measurements can be run once only");
     if (a->resume && a->out) return mk_fail(error, "--resume keeps figures, not logs: leave --out away");
     if (a->resume && a->measurements) return mk_fail(error, "--resume: recorded measurements are one run");
+    if (a->arrivals && a->loss) return mk_fail(error, "--loss: with --arrivals the file says what is lost");
+    if (a->arrivals && c->runs != 1) return mk_fail(error, "--runs: recorded arrivals can be run once only");
+    if (a->arrivals && a->resume) return mk_fail(error, "--resume: recorded arrivals are one run");
     if (!mk_filter_find(a->filter ? a->filter : "rkfdnu2", &c->filter, error)) return 0;
+    if (a->arrivals && (!c->filter || c->filter->central))
+        return mk_fail(error, "--arrivals is for one distributed filter; choose one with --filter");
     if (!mk_option_real("frozen", a->frozen, MK_LEAST_CLOSE, MK_MOST_CLOSE, &c->frozen, error)) return 0;
     if (a->frozen && c->filter && c->filter->mode == MK_TOLERANCE_SCHEDULE)
         return mk_fail(error, "--frozen: %s has another tolerance at every step, so its gain is not constant", c->filter->name);
@@ -86,6 +93,14 @@ static int open_source(mk_source_t *source, mk_campaign_t *c, const arguments_t 
     if (horizon < c->steps - 1)
         return mk_fail(error, "--horizon %lld: the least favourable model must reach the last step, %d", horizon, c->steps - 1);
     return mk_source_draw_worst(source, c->scenario, c->seed, c->tolerance, (int)horizon, error);
+}
+
+static int read_arrivals(mk_arrivals_t *arrivals, mk_campaign_t *c, const arguments_t *a, mk_error_t *error) {
+    if (!a->arrivals) return 1;
+    if (!mk_arrivals_read(arrivals, c->scenario, c->steps, a->arrivals, error)) return 0;
+    c->arrivals = arrivals;
+    c->loss = arrivals->missing;
+    return 1;
 }
 
 /* Everything that decides the numbers of a run, but the filter and the recorded files. */
@@ -155,19 +170,21 @@ int mk_command_simulate(int argc, char **argv, struct mk_team *given) {
     mk_scenario_t scenario;
     mk_campaign_t c;
     mk_source_t source;
-    char identity[512] = "", shares[768];
+    mk_arrivals_t arrivals;
+    char identity[512] = "", shares[896];
     const char *path;
     int interrupted = 0, status = MK_EXIT_INPUT;
     memset(&a, 0, sizeof a);
     memset(&c, 0, sizeof c);
     memset(&scenario, 0, sizeof scenario);
     memset(&source, 0, sizeof source);
+    memset(&arrivals, 0, sizeof arrivals);
     int good = read_arguments(argc, argv, !given, &a, &path, &error) && mk_scenario_load(&scenario, path, &error) &&
-               set_campaign(&c, &a, &scenario, team, &error) && open_source(&source, &c, &a, &error);
+               set_campaign(&c, &a, &scenario, team, &error) && open_source(&source, &c, &a, &error) && read_arrivals(&arrivals, &c, &a, &error);
     if (good) identify(identity, sizeof identity, &c, &source);
-    (void)snprintf(shares, sizeof shares, "%s data %s filter %s runs %d threads %d split %s out %d json %d resume %d", identity,
-                   source.sha256[0] ? source.sha256 : "drawn", c.filter ? c.filter->name : "all", c.runs, c.threads, c.split_nodes ? "nodes" : "runs",
-                   a.out != NULL, a.json != NULL, a.resume != NULL);
+    (void)snprintf(shares, sizeof shares, "%s data %s arrivals %s filter %s runs %d threads %d split %s out %d json %d resume %d", identity,
+                   source.sha256[0] ? source.sha256 : "drawn", arrivals.sha256[0] ? arrivals.sha256 : "drawn", c.filter ? c.filter->name : "all", c.runs,
+                   c.threads, c.split_nodes ? "nodes" : "runs", a.out != NULL, a.json != NULL, a.resume != NULL);
     good = team->agree(team, good, &error) && team->same(team, shares, &error);
     if (good) {
         if (!a.out) mk_scenario_drop_text(&scenario);
@@ -180,6 +197,7 @@ int mk_command_simulate(int argc, char **argv, struct mk_team *given) {
         good = status == 0;
     }
     if (!good && team->rank == 0) (void)mk_complain(&error, status);
+    mk_arrivals_free(&arrivals);
     mk_source_free(&source);
     mk_scenario_free(&scenario);
     return good && interrupted ? MK_EXIT_FAILED : status;

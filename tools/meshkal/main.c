@@ -27,6 +27,7 @@ static const char help[] =
     "    --real float32|float64   precision of the nodes (default float64)\n"
     "    --loss P             probability that a message is lost\n"
     "    --frozen CLOSE       nodes freeze their gain as the headers of design --frozen CLOSE do\n"
+    "    --arrivals FILE.csv  messages that arrived: columns t,stage,from,to, stage 1 readings, 2 estimates; the others are lost\n"
     "    --measurements FILE.csv  recorded instead of drawn: columns t,node,row,value\n"
     "    --truth nominal|least-favourable   model that is drawn from (default nominal)\n"
     "    --truth FILE.csv     recorded truth of recorded measurements: columns t,state,value\n"

@@ -27,7 +27,7 @@ void mk_report_head(FILE *out, const mk_campaign_t *c, const mk_source_t *source
     else if (source->truth == MK_TRUTH_LEAST_FAVOURABLE)
         (void)fprintf(out, "least favourable truth of c = %g up to step %d", c->tolerance, source->worst.horizon);
     else (void)fputs("nominal truth", out);
-    if (c->loss > 0.0) (void)fprintf(out, ", %g of messages lost", c->loss);
+    if (c->loss > 0.0 || c->arrivals) (void)fprintf(out, ", %g of messages lost%s", c->loss, c->arrivals ? " as recorded" : "");
     if (team->ranks > 1) (void)fprintf(out, "; %d processes share the %s", team->ranks, c->split_nodes ? "nodes" : "runs");
     (void)fprintf(out, "\nMean squared deviation over the second half of the steps, 95 %% confidence intervals of the runs; c in twice the "
                        "Kullback-Leibler divergence (nats).\n\n");
@@ -131,6 +131,7 @@ json_t *mk_report_summary(const mk_campaign_t *c, const mk_source_t *source, con
     mk_json_set(root, "runs", json_integer(c->runs));
     mk_json_set(root, "seed", json_integer((json_int_t)c->seed));
     mk_json_set(root, "loss", json_real(c->loss));
+    if (c->arrivals) mk_json_set(root, "arrivals_sha256", json_string(c->arrivals->sha256));
     mk_json_set(root, "tolerance", json_real(c->tolerance));
     mk_json_set(root, "threads", json_integer(c->threads));
     mk_json_set(root, "peak_memory_bytes", json_real(mk_peak_memory()));

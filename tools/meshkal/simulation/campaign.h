@@ -6,6 +6,7 @@
 
 #include "design/filter.h"
 #include "run_log.h"
+#include "simulation/arrivals.h"
 #include "simulation/network.h"
 #include "simulation/record.h"
 #include "simulation/source.h"
@@ -17,7 +18,8 @@ typedef struct {
     int runs, steps, threads;
     int split_nodes;      /* a team of several shares each network, not the runs */
     uint64_t seed;
-    double loss;
+    double loss;          /* with arrivals: the share that is missing */
+    const mk_arrivals_t *arrivals; /* of a distributed filter; null: messages are lost at random */
     double tolerance;     /* c of the design */
     double frozen;        /* nodes of constant tolerance freeze their gain this close to its limit; 0: they do not */
     const char *log_path; /* null: no log; "-": standard output */

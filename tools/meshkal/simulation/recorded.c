@@ -19,15 +19,6 @@ static int store(const mk_csv_t *csv, size_t i, double *place, mk_error_t *error
     return 1;
 }
 
-/* Column `column` of row i as an integer from 0 to limit - 1. */
-static int whole(const mk_csv_t *csv, size_t i, int column, const char *name, int limit, int *result, mk_error_t *error) {
-    const double value = csv->value[i * (size_t)csv->columns + (size_t)column];
-    if (!(value >= 0.0 && value < limit && value == floor(value)))
-        return mk_fail(error, "%s:%ld: %s is %.15g: must be an integer from 0 to %d", csv->path, csv->line[i], name, value, limit - 1);
-    *result = (int)value;
-    return 1;
-}
-
 /* A node's reading is used whole: one with rows missing is dropped. */
 static void drop_partial(mk_source_t *source) {
     const mk_scenario_t *s = source->scenario;
@@ -66,7 +57,7 @@ int mk_source_record(mk_source_t *source, const mk_scenario_t *s, const char *me
     const size_t rows = (size_t)source->row_first[s->nodes];
     int last = -1, t = 0, node = 0, row = 0, state = 0;
     for (size_t i = 0; i < y_file.rows && good; i++) {
-        good = whole(&y_file, i, 0, "t", 1000000000, &t, error);
+        good = mk_csv_index(&y_file, i, 0, "t", 1000000000, &t, error);
         if (t > last) last = t;
     }
     if (good && last < 0) good = mk_fail(error, "%s: no measurements", measurements);
@@ -78,13 +69,13 @@ int mk_source_record(mk_source_t *source, const mk_scenario_t *s, const char *me
         source->all_x = all_missing((size_t)source->steps * (size_t)s->n);
     }
     for (size_t i = 0; i < y_file.rows && good; i++) {
-        good = whole(&y_file, i, 0, "t", 1000000000, &t, error) && whole(&y_file, i, 1, "node", s->nodes, &node, error) &&
-               whole(&y_file, i, 2, "row", s->sensor[node].rows, &row, error);
+        good = mk_csv_index(&y_file, i, 0, "t", 1000000000, &t, error) && mk_csv_index(&y_file, i, 1, "node", s->nodes, &node, error) &&
+               mk_csv_index(&y_file, i, 2, "row", s->sensor[node].rows, &row, error);
         if (good && t < source->steps)
             good = store(&y_file, i, source->all_y + (size_t)t * rows + source->row_first[node] + row, error);
     }
     for (size_t i = 0; i < x_file.rows && good; i++) {
-        good = whole(&x_file, i, 0, "t", 1000000000, &t, error) && whole(&x_file, i, 1, "state", s->n, &state, error);
+        good = mk_csv_index(&x_file, i, 0, "t", 1000000000, &t, error) && mk_csv_index(&x_file, i, 1, "state", s->n, &state, error);
         if (good && t < source->steps) good = store(&x_file, i, source->all_x + (size_t)t * (size_t)s->n + state, error);
     }
     mk_csv_free(&y_file);

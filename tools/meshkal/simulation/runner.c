@@ -100,6 +100,10 @@ static void for_all(mk_runner_t *r, int run, int t, void (*some)(mk_runner_t *r,
 static void draw_some_links(mk_runner_t *r, int run, int t, int worker, int from, int to) {
     const mk_topology_t *topology = r->topology;
     (void)worker;
+    if (r->c->arrivals) {
+        mk_arrivals_links(r->c->arrivals, t, topology, from, to, r->y_arrived, r->psi_arrived);
+        return;
+    }
     for (int e = from; e < to; e++) {
         mk_random_t random;
         mk_random_start(&random, r->c->seed, (uint32_t)run, (uint32_t)mk_topology_id(topology, e), (uint32_t)t, MK_DRAW_LOSS);
@@ -112,7 +116,7 @@ static void draw_some_links(mk_runner_t *r, int run, int t, int worker, int from
 /* Links that work in step t. A node always hears itself; a centre hears every sensor over a link. */
 static void draw_links(mk_runner_t *r, int run, int t) {
     memset(r->y_arrived, 1, 2 * r->slots); /* and psi_arrived */
-    if (r->c->loss > 0.0) for_all(r, run, t, draw_some_links);
+    if (r->c->loss > 0.0 || r->c->arrivals) for_all(r, run, t, draw_some_links);
 }
 
 /* Errors of the estimates before the step. */
