@@ -31,13 +31,14 @@ static int read_design(mk_daemon_t *d, mk_error_t *error) {
     json_t *root = json_loadb(text, length, JSON_REJECT_DUPLICATES, &place);
     free(text);
     if (!root) return mk_settings_bad(s, "design", error, "%s:%d:%d: %s", s->design, place.line, place.column, place.text);
-    json_t *hash = json_object_get(root, "scenario_sha256"), *nodes = json_object_get(root, "nodes"), *node = json_array_get(nodes, (size_t)s->node);
-    json_t *tolerance = json_object_get(node, "tolerance");
+    json_t *hash = json_object_get(root, "scenario_sha256"), *nodes = json_object_get(root, "nodes");
+    json_t *tolerance = json_object_get(json_array_get(nodes, (size_t)s->node), "tolerance");
     int good = 1;
     if (!json_is_string(hash) || !json_is_number(tolerance)) {
         good = mk_settings_bad(s, "design", error, "%.200s: no result of meshkal design --json with node %d", s->design, s->node);
     } else if (strcmp(json_string_value(hash), d->scenario.sha256) != 0) {
-        good = mk_settings_bad(s, "design", error, "%.200s: made from another scenario than %.200s: run meshkal design again", s->design, s->scenario);
+        good = mk_settings_bad(s, "design", error, "%.200s: made from another scenario than %.200s: run meshkal design again", s->design,
+                               s->scenario);
     } else {
         d->tolerance = json_number_value(tolerance);
     }

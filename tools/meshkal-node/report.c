@@ -52,8 +52,8 @@ void mk_daemon_report(const mk_daemon_t *d) {
     PUT(", repeated %" PRIu64 ", refused %" PRIu64 "%s%s\n", r->repeated + t->reading_repeated, r->refused, r->refused ? ": " : "", r->complaint);
     PUT("  missing (readings, estimates):");
     for (int l = 0; l < d->slots; l++)
-        PUT(" %d: %" PRIu64 ", %" PRIu64 "%s", d->scenario.slot[d->scenario.first[d->settings.node] + l], t->reading_missing[l], t->estimate_missing[l],
-            l + 1 < d->slots ? ";" : "\n");
+        PUT(" %d: %" PRIu64 ", %" PRIu64 "%s", d->scenario.slot[d->scenario.first[d->settings.node] + l], t->reading_missing[l],
+            t->estimate_missing[l], l + 1 < d->slots ? ";" : "\n");
     PUT("  telemetry items %" PRIu64 ", dropped %" PRIu64 "%s%s\n", d->telemetry.items, d->telemetry.dropped, d->telemetry.reason ? ": " : "",
         d->telemetry.reason ? strerror(d->telemetry.reason) : "");
 #undef PUT

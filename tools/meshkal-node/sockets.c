@@ -44,7 +44,8 @@ static int resolve(const mk_settings_t *s, const char *key, const char *text, in
     hints.ai_socktype = SOCK_DGRAM;
     hints.ai_flags = family == AF_INET6 ? AI_V4MAPPED : 0;
     const int failed = getaddrinfo(host, port, &hints, &found);
-    if (failed) return mk_settings_bad(s, key, error, "%.200s: %s%s", text, gai_strerror(failed), family == AF_INET ? " (for an IPv4 \"listen\")" : "");
+    if (failed)
+        return mk_settings_bad(s, key, error, "%.200s: %s%s", text, gai_strerror(failed), family == AF_INET ? " (for an IPv4 \"listen\")" : "");
     memset(address, 0, sizeof *address);
     memcpy(&address->address, found->ai_addr, found->ai_addrlen);
     address->length = found->ai_addrlen;
@@ -82,7 +83,8 @@ static int join(int fd, const mk_settings_t *s, const mk_address_t *group, unsig
         memcpy(&address, &group->address, sizeof address);
         request.ipv6mr_multiaddr = address.sin6_addr;
         request.ipv6mr_interface = index;
-        return setsockopt(fd, IPPROTO_IPV6, IPV6_JOIN_GROUP, &request, sizeof request) == 0 && set(fd, IPPROTO_IPV6, IPV6_MULTICAST_IF, (int)index) &&
+        return setsockopt(fd, IPPROTO_IPV6, IPV6_JOIN_GROUP, &request, sizeof request) == 0 &&
+               set(fd, IPPROTO_IPV6, IPV6_MULTICAST_IF, (int)index) &&
                set(fd, IPPROTO_IPV6, IPV6_MULTICAST_HOPS, s->hops) && set(fd, IPPROTO_IPV6, IPV6_MULTICAST_LOOP, 1);
     }
     struct ip_mreqn request;
@@ -119,7 +121,8 @@ static int open_group(mk_radio_t *radio, const mk_settings_t *s, mk_error_t *err
     if (s->listen && !resolve(s, "listen", s->listen, family, &listen, error)) return 0;
     radio->fd = bound(s, s->listen ? "listen" : "multicast.group", s->listen ? s->listen : s->group, &listen, 1, error);
     if (radio->fd < 0) return 0;
-    if (!join(radio->fd, s, radio->to, index)) return mk_settings_bad(s, "multicast", error, "%.200s at %.60s: %s", s->group, s->interface, strerror(errno));
+    if (!join(radio->fd, s, radio->to, index))
+        return mk_settings_bad(s, "multicast", error, "%.200s at %.60s: %s", s->group, s->interface, strerror(errno));
     return 1;
 }
 

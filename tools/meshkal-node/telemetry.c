@@ -48,7 +48,8 @@ static void queue_open(mk_telemetry_t *t, mk_reader_queue_t *q, int fd) {
     q->fd = fd;
     q->used = 0;
     q->items = 0;
-    q->room = t->header.used + MK_TELEMETRY_ROOM + 4 * sizeof(double) * (size_t)t->row[t->scenario->nodes]; /* items of large networks are large */
+    q->room = t->header.used + MK_TELEMETRY_ROOM;
+    q->room += 4 * sizeof(double) * (size_t)t->row[t->scenario->nodes]; /* items of large networks are large */
     if (!q->bytes) q->bytes = mk_allocate(q->room, 1);
     (void)queue_put(q, t->header.buffer, t->header.used);
 }
@@ -123,7 +124,8 @@ int mk_telemetry_open(mk_telemetry_t *t, const mk_settings_t *s, const mk_scenar
     }
     if (t->kind == MK_CHANNEL_UDP) {
         if (t->header.used > 65000)
-            return mk_settings_bad(s, "telemetry", error, "the scenario (%zu bytes) does not fit in a datagram: use unix:PATH", scenario->text_length);
+            return mk_settings_bad(s, "telemetry", error, "the scenario (%zu bytes) does not fit in a datagram: use unix:PATH",
+                                   scenario->text_length);
         t->udp = mk_socket_connect(s, "telemetry", s->telemetry.text, error);
         if (t->udp < 0) return 0;
     }
