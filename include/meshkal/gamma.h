@@ -15,7 +15,7 @@
 extern "C" {
 #endif
 
-#define MK_GAMMA_WORK(n) (MK_PACKED(n) + 4 * (n))
+#define MK_GAMMA_WORK(n) (MK_PACKED(n) + 2 * (n))
 
 /* The theta with gamma(P, theta) = c, c > 0. Relative error a few units of rounding of the type for every spectrum. Returns the
    number of evaluations of gamma (at most 100), or 0 and *theta untouched if there is no root in this precision: P not

@@ -148,9 +148,8 @@ MK_DECLARE_RKFD_CORE(f64)
 
 /* Scratch memory, in numbers: of the root search with the inverse, of every kernel but predict, and of predict. The typed functions take
    it from the stack. */
-#define MK_ROBUST_WORK(n) (2 * MK_PACKED(n) + 4 * (n))
-#define MK_RKFD_WORK(n, m)                                                                                                    \
-    (3 * MK_PACKED(n) + 2 * (n) + (m) + ((n) * (n) > MK_PACKED(n) + 4 * (n) ? (n) * (n) : MK_PACKED(n) + 4 * (n)))
+#define MK_ROBUST_WORK(n) (MK_PACKED(n) + (MK_PACKED(n) > 2 * (n) ? MK_PACKED(n) : 2 * (n)))
+#define MK_RKFD_WORK(n, m) (3 * MK_PACKED(n) + 2 * (n) + (m) + (n) * (n) + 1)
 #define MK_RKFD_PREDICT_WORK(n, m) (MK_PACKED(n) + (n) * (m) + 4 * MK_PACKED(m))
 
 /*
@@ -218,7 +217,7 @@ MK_DECLARE_RKFD_CORE(f64)
         return view;                                                                                                          \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_start(name##_t *f, const name##_config_t *config) {                                          \
-        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                               \
+        mk_##real##_t work[MK_PACKED(n)];                                                                                     \
         const mk_rkfd_view_##real##_t view = name##_view(f, work);                                                            \
         return mk_rkfd_start_##real(n, m, slot_count, &view, config);                                                         \
     }                                                                                                                         \
@@ -246,12 +245,12 @@ MK_DECLARE_RKFD_CORE(f64)
         return mk_rkfd_set_tolerance_##real(&f->core, c);                                                                     \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_restart(name##_t *f, const mk_##real##_t *x0, const mk_##real##_t *P0) {                     \
-        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                               \
+        mk_##real##_t work[MK_PACKED(n)];                                                                                     \
         const mk_rkfd_view_##real##_t view = name##_view(f, work);                                                            \
         return mk_rkfd_restart_##real(n, slot_count, &view, x0, P0);                                                          \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_covariance(name##_t *f, mk_##real##_t *V) {                                                  \
-        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                               \
+        mk_##real##_t work[MK_PACKED(n)];                                                                                     \
         const mk_rkfd_view_##real##_t view = name##_view(f, work);                                                            \
         return mk_rkfd_covariance_##real(n, &view, V);                                                                        \
     }                                                                                                                         \

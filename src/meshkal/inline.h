@@ -12,13 +12,23 @@
 #define MK_KERNEL static inline
 #endif
 
+/* Inlined in the shared build, too: for parts of one large function, whose frames would otherwise add up on the stack. */
+#if defined(__GNUC__) || defined(__clang__)
+#define MK_PART static inline __attribute__((always_inline, unused))
+#else
+#define MK_PART static inline
+#endif
+
 /* gcc unrolls a loop of known count only as far as a size limit that these kernels exceed; clang's own limit suffices. */
 #if defined(__GNUC__) && !defined(__clang__) && !defined(MK_ROLLED)
 #define MK_UNROLL _Pragma("GCC unroll 8")
+#define MK_UNROLL_ALL _Pragma("GCC unroll 64")
 #elif defined(__clang__) && !defined(MK_ROLLED)
 #define MK_UNROLL _Pragma("clang loop unroll_count(8)")
+#define MK_UNROLL_ALL _Pragma("clang loop unroll(full)")
 #else
 #define MK_UNROLL
+#define MK_UNROLL_ALL
 #endif
 
 #if defined(__GNUC__) || defined(__clang__)
@@ -28,12 +38,19 @@
 #endif
 
 /* Size of the vector registers that algebra/row.tmpl.h uses; undefined where there are none. */
-#if (defined(__GNUC__) || defined(__clang__)) && !defined(MK_ROLLED)
+#if (defined(__GNUC__) || defined(__clang__)) && !defined(MK_ROLLED) && !defined(MK_NARROW)
 #if defined(__AVX__)
 #define MK_VECTOR_BYTES 32
 #elif defined(__SSE2__) || defined(__aarch64__)
 #define MK_VECTOR_BYTES 16
 #endif
+#endif
+
+/* Without vector registers filters of up to MK_NARROW_N states are compiled for few registers (filter/rkfd_narrow.tmpl.h). MK_NARROW
+   may be given from outside: to test that code on the host. */
+#define MK_NARROW_N 6
+#if !defined(MK_VECTOR_BYTES) && !defined(MK_ROLLED) && !defined(MK_NARROW)
+#define MK_NARROW
 #endif
 
 /* Arm cores with a single-precision unit but without vectors load several of its registers at once; clang knows. */

@@ -26,10 +26,23 @@ extern "C" {
 /* Out of line in libmeshkal.a, for what steps do rarely. Is S positive definite: work MK_PACKED(n) numbers. */
 int mk_positive_definite_f32(int n, const float *S, float *work);
 int mk_positive_definite_f64(int n, const double *S, double *work);
+/* mk_gamma_root for P that is known to be positive definite. */
+int mk_gamma_search_f32(int n, const float *P, float c, float *theta, float *work);
+int mk_gamma_search_f64(int n, const double *P, double c, double *theta, double *work);
+/* t - log(1 + t), t > 0.5. */
+float mk_log_gap_far_f32(float t);
+double mk_log_gap_far_f64(double t);
 /* Normalised innovation squared as (e - C d)' R^-1 (e - C d) + d' W d, d = M b, a sum of squares without cancellation; the largest number
    where it overflows. L as the step's mk_ldl leaves it, b = L^-1 b, which is overwritten. */
-float mk_rkfd_exact_nis_f32(int n, int m, int slots, const mk_rkfd_view_f32_t *view, const float *L, float *b);
-double mk_rkfd_exact_nis_f64(int n, int m, int slots, const mk_rkfd_view_f64_t *view, const double *L, double *b);
+float mk_rkfd_exact_nis_f32(const mk_rkfd_config_f32_t *config, const float *x, const float *W, const float *y,
+                            const uint8_t *have_y, const float *L, float *b);
+double mk_rkfd_exact_nis_f64(const mk_rkfd_config_f64_t *config, const double *x, const double *W, const double *y,
+                            const uint8_t *have_y, const double *L, double *b);
+/* The same with L and b made anew; work: MK_PACKED(n) + n + m numbers. */
+float mk_rkfd_exact_nis_anew_f32(const mk_rkfd_config_f32_t *config, const float *x, const float *W, const float *y, const uint8_t *have_y,
+                                 float *work);
+double mk_rkfd_exact_nis_anew_f64(const mk_rkfd_config_f64_t *config, const double *x, const double *W, const double *y, const uint8_t *have_y,
+                                  double *work);
 /* After a full step, complete or not, of a filter that has a steady part: core->steady says whether W has arrived; it is then put to the limit.
    work: n numbers. */
 void mk_rkfd_settle_f32(int n, int complete, mk_rkfd_f32_t *core, float *W, float *work);
@@ -50,6 +63,9 @@ void mk_rkfd_settle_f64(int n, int complete, mk_rkfd_f64_t *core, double *W, dou
 #include "algebra/gamma_root.tmpl.h"
 #include "algebra/gamma_fast.tmpl.h"
 #include "filter/rkfd_step.tmpl.h"
+#ifdef MK_NARROW
+#include "filter/rkfd_narrow.tmpl.h"
+#endif
 #include "filter/rkfd_frozen.tmpl.h"
 #include "network/diffusion.tmpl.h"
 #undef MK_GAMMA_CLOSE
@@ -69,6 +85,9 @@ void mk_rkfd_settle_f64(int n, int complete, mk_rkfd_f64_t *core, double *W, dou
 #include "algebra/gamma_root.tmpl.h"
 #include "algebra/gamma_fast.tmpl.h"
 #include "filter/rkfd_step.tmpl.h"
+#ifdef MK_NARROW
+#include "filter/rkfd_narrow.tmpl.h"
+#endif
 #include "filter/rkfd_frozen.tmpl.h"
 #include "network/diffusion.tmpl.h"
 #undef MK_GAMMA_CLOSE

@@ -9,7 +9,7 @@ CFLAGS ?= -O2
 UNIT_DIR := tests/unit
 # Another build of the library: with UNIT_NUMERIC for its headers, the amalgamation is tested so.
 UNIT_LIBRARY := src/meshkal/meshkal.c
-UNIT_TESTS := gamma step frozen network unrolled contract limits silence float32
+UNIT_TESTS := gamma step frozen network unrolled narrow contract limits silence float32
 UNIT_HELPERS := reference generator node
 UNIT_LIBS := -lcmocka -llapacke -llapack -lblas -lm
 UNIT_NUMERIC := -Iinclude -Isrc -ffp-contract=off
@@ -31,6 +31,11 @@ $$(BUILD)/$(1)/unit-objects/meshkal.o: $$(UNIT_LIBRARY)
 $$(BUILD)/$(1)/unit-objects/%.o: $$(UNIT_DIR)/%.c
 	@mkdir -p $$(@D)
 	$$(CC) $$(UNIT_NUMERIC) $$(CFLAGS) $$(UNIT_STRICT) $(2) -MMD -MP -c -o $$@ $$<
+
+# The unrolled kernels as processors without vector registers compile them.
+$$(BUILD)/$(1)/unit-objects/test_narrow.o: $$(UNIT_DIR)/test_unrolled.c
+	@mkdir -p $$(@D)
+	$$(CC) $$(UNIT_NUMERIC) $$(CFLAGS) $$(UNIT_STRICT) $(2) -DMK_NARROW -MMD -MP -c -o $$@ $$<
 
 $$(BUILD)/$(1)/unit-objects/include_all.o: $$(UNIT_DIR)/include_all.cpp
 	@mkdir -p $$(@D)

@@ -61,7 +61,11 @@ MK_KERNEL MK_REAL MK_F(mk_log_gap_quotient)(MK_REAL t, MK_REAL s) {
         const MK_REAL z = s * s;
         return s * (t - MK_R(2.0) * z * MK_F(mk_atanh_tail)(z));
     }
+#ifdef MK_NARROW
+    return MK_F(mk_log_gap_far)(t);
+#else
     return t - MK_F(mk_log)(MK_R(1.0) + t);
+#endif
 }
 
 MK_KERNEL MK_REAL MK_F(mk_log_gap)(MK_REAL t) { return MK_F(mk_log_gap_quotient)(t, t / (MK_R(2.0) + t)); }

@@ -56,16 +56,21 @@ MK_KERNEL void MK_F(mk_gamma_fast_start)(int n, const MK_REAL *MK_RESTRICT P, MK
     start->lift = MK_R(3.0) * p2_inverse * u3;
 }
 
-/* theta for 1 <= n <= 6 and c > 0; L and inverse as mk_inverse leaves them. Returns the number of evaluations of gamma, or 0
+/* 1 / det(P / trace) from the factor L of P. */
+MK_KERNEL MK_REAL MK_F(mk_gamma_pivots)(int n, const MK_REAL *MK_RESTRICT L, MK_REAL trace) {
+    MK_REAL product = MK_R(1.0);
+    MK_UNROLL for (int i = 0; i < n; i++) product *= L[MK_AT(i, i)] * trace;
+    return product;
+}
+
+/* theta for 1 <= n <= 6 and c > 0; pivots as above, inverse P^-1. Returns the number of evaluations of gamma, or 0
    when the root is not certain to MK_FAST_ERROR (relative): use mk_gamma_root. *theta is then untouched. */
-MK_KERNEL int MK_F(mk_gamma_fast_root)(int n, const MK_F_T(mk_gamma_start) * start, const MK_REAL *MK_RESTRICT L,
+MK_KERNEL int MK_F(mk_gamma_fast_root)(int n, const MK_F_T(mk_gamma_start) * start, MK_REAL pivots,
                                        const MK_REAL *MK_RESTRICT inverse, MK_REAL c, MK_REAL *theta) {
     const MK_REAL trace = start->trace, e2 = start->e2, e3 = start->e3;
     /* error4: what an error of P^-1 of relative size 1 would do to e4. */
     MK_REAL e4 = MK_R(0.0), e5 = MK_R(0.0), e6 = MK_R(0.0), error4 = MK_R(0.0), condition = MK_R(1.0);
     if (n >= 4) {
-        MK_REAL pivots = MK_R(1.0); /* 1 / det(P / trace) */
-        MK_UNROLL for (int i = 0; i < n; i++) pivots *= L[MK_AT(i, i)] * trace;
         const MK_REAL determinant = MK_R(1.0) / pivots;
         const MK_REAL q1 = MK_F(mk_trace)(n, inverse) * trace;
         condition = q1;

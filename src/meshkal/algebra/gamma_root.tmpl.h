@@ -13,10 +13,11 @@
    Every term is positive, so gamma comes out to a few units of rounding at any theta below the pole 1 / lambda_max,
    however small c is or however the eigenvalues lie; no eigenvalue is computed. */
 
-/* Tridiagonal form of packed S, which is overwritten: a (n) the diagonal, b2 (n - 1) the squared off-diagonal. v, w: n each.
+/* Tridiagonal form of packed S, which is overwritten: a (n) the diagonal, b2 (n, the last undefined) the squared off-diagonal.
    S must be scaled to trace 1: columns with a norm below epsilon^1.5 are taken as zero. */
-MK_KERNEL void MK_F(mk_tridiagonal)(int n, MK_REAL *MK_RESTRICT S, MK_REAL *MK_RESTRICT a, MK_REAL *MK_RESTRICT b2,
-                                    MK_REAL *MK_RESTRICT v, MK_REAL *MK_RESTRICT w) {
+MK_PART void MK_F(mk_tridiagonal)(int n, MK_REAL *MK_RESTRICT S, MK_REAL *MK_RESTRICT a, MK_REAL *MK_RESTRICT b2) {
+    /* Step k needs v and w above k only, where a and b2 are still free. */
+    MK_REAL *const v = b2, *const w = a;
     MK_UNROLL for (int k = 0; k < n - 1; k++) {
         const MK_REAL head = S[MK_AT(k + 1, k)];
         MK_REAL tail = MK_R(0.0);
@@ -50,13 +51,13 @@ MK_KERNEL void MK_F(mk_tridiagonal)(int n, MK_REAL *MK_RESTRICT S, MK_REAL *MK_R
 
 /* The same for P times 1 / trace, in work as MK_GAMMA_WORK lays it out: a behind MK_PACKED(n) numbers, b2 behind a.
    Returns 1 / trace, or 0 if P has no positive finite trace with a finite reciprocal. */
-MK_KERNEL MK_REAL MK_F(mk_scaled_tridiagonal)(int n, const MK_REAL *MK_RESTRICT P, MK_REAL *MK_RESTRICT work) {
+MK_PART MK_REAL MK_F(mk_scaled_tridiagonal)(int n, const MK_REAL *MK_RESTRICT P, MK_REAL *MK_RESTRICT work) {
     MK_REAL *const a = work + MK_AT(n, 0);
     const MK_REAL trace = MK_F(mk_trace)(n, P);
     const MK_REAL scale = MK_R(1.0) / trace;
     if (!(trace > MK_R(0.0) && scale > MK_R(0.0) && scale * MK_R(0.0) == MK_R(0.0))) return MK_R(0.0);
     MK_UNROLL for (int i = 0; i < MK_AT(n, 0); i++) work[i] = P[i] * scale;
-    MK_F(mk_tridiagonal)(n, work, a, a + n, a + 2 * n, a + 3 * n);
+    MK_F(mk_tridiagonal)(n, work, a, a + n);
     return scale;
 }
 

@@ -65,6 +65,27 @@ MK_KERNEL int MK_F(mk_inverse)(int n, MK_REAL *MK_RESTRICT S, MK_REAL *MK_RESTRI
     return good;
 }
 
+/* Packed S, the factor that mk_ldl leaves, becomes the inverse: the operations of mk_inverse in the same order for each number, in place. */
+MK_KERNEL void MK_F(mk_ldl_invert)(int n, MK_REAL *S) {
+    /* K = L^-1, but for its diagonal of ones */
+    MK_UNROLL for (int i = 1; i < n; i++) {
+        MK_UNROLL for (int j = 0; j < i; j++) {
+            MK_REAL sum = S[MK_AT(i, j)];
+            MK_UNROLL for (int k = j + 1; k < i; k++) sum += S[MK_AT(i, k)] * S[MK_AT(k, j)];
+            S[MK_AT(i, j)] = -sum;
+        }
+    }
+    /* Element (j, k), k <= j: sum over i >= j of d_i K_ij K_ik */
+    MK_UNROLL for (int j = 0; j < n; j++) {
+        const MK_REAL d = S[MK_AT(j, j)];
+        MK_UNROLL for (int k = 0; k < j; k++) S[MK_AT(j, k)] *= d;
+        MK_UNROLL for (int i = j + 1; i < n; i++) {
+            const MK_REAL f = S[MK_AT(i, i)] * S[MK_AT(i, j)];
+            MK_F(mk_row_add)(j + 1, f, S + MK_AT(i, 0), S + MK_AT(j, 0));
+        }
+    }
+}
+
 /* Trace of packed S. */
 MK_KERNEL MK_REAL MK_F(mk_trace)(int n, const MK_REAL *S) {
     MK_REAL sum = S[0];

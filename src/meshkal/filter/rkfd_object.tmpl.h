@@ -1,15 +1,14 @@
 /* SPDX-License-Identifier: MIT */
 /* Everything of the filter object but its two hot steps: start, inputs, queries. Compiled once, with run-time dimensions. */
 
-/* result := S^-1, packed, by way of work (3 MK_PACKED(n)); result is written on success only and may be S. */
+/* result := S^-1, packed, by way of work (MK_PACKED(n)); result is written on success only and may be S or work. */
 static mk_status_t MK_F(mk_invert)(int n, const MK_REAL *S, MK_REAL *result, MK_REAL *work) {
     const int packed = MK_AT(n, 0);
-    MK_REAL *const L = work, *const K = L + packed, *const Z = K + packed;
     if (!MK_F(mk_all_finite)(packed, S)) return MK_ERROR_NOT_FINITE;
-    memcpy(L, S, (size_t)packed * sizeof *L);
-    if (!MK_F(mk_inverse)(n, L, K, Z)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
-    if (!MK_F(mk_all_finite)(packed, Z)) return MK_ERROR_NOT_FINITE;
-    memcpy(result, Z, (size_t)packed * sizeof *Z);
+    if (!MK_F(mk_positive_definite)(n, S, work)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    MK_F(mk_ldl_invert)(n, work);
+    if (!MK_F(mk_all_finite)(packed, work)) return MK_ERROR_NOT_FINITE;
+    for (int i = 0; i < packed; i++) result[i] = work[i];
     return MK_OK;
 }
 
@@ -213,17 +212,18 @@ mk_status_t MK_F(mk_rkfd_predict)(int n, int m, const MK_F_T(mk_rkfd_view) * vie
 }
 
 /* Row r of (y_l - C_l x) - C_l d; without C_l x where the slot holds an innovation. */
-static MK_REAL MK_F(mk_rkfd_residual)(int n, int m, const MK_F_T(mk_rkfd_view) * view, int slot, int r, const MK_REAL *d) {
-    const MK_REAL *const C = view->core->config->C + (slot * m + r) * n;
+static MK_REAL MK_F(mk_rkfd_residual)(int n, const MK_REAL *C, int is_innovation, MK_REAL y, const MK_REAL *x, const MK_REAL *d) {
     MK_REAL predicted = MK_R(0.0), corrected = MK_R(0.0);
     for (int j = 0; j < n; j++) {
-        if (view->have_y[slot] == 1) predicted += C[j] * view->x[j];
+        if (!is_innovation) predicted += C[j] * x[j];
         corrected += C[j] * d[j];
     }
-    return (view->y[slot * m + r] - predicted) - corrected;
+    return (y - predicted) - corrected;
 }
 
-MK_REAL MK_F(mk_rkfd_exact_nis)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *L, MK_REAL *b) {
+MK_PART MK_REAL MK_F(mk_rkfd_squares)(const MK_F_T(mk_rkfd_config) * config, const MK_REAL *x, const MK_REAL *W, const MK_REAL *y,
+                                      const uint8_t *have_y, const MK_REAL *L, MK_REAL *b) {
+    const int n = config->n, m = config->m;
     MK_REAL sum = MK_R(0.0);
     /* d = L^-T D^-1 b, from the last row up. */
     for (int i = n - 1; i >= 0; i--) {
@@ -231,13 +231,32 @@ MK_REAL MK_F(mk_rkfd_exact_nis)(int n, int m, int slots, const MK_F_T(mk_rkfd_vi
         for (int k = i + 1; k < n; k++) b[i] -= L[MK_AT(k, i)] * b[k];
     }
     for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++) sum += b[i] * view->W[i > j ? MK_AT(i, j) : MK_AT(j, i)] * b[j];
-    for (int l = 0; l < slots; l++) {
-        const MK_REAL *const R_inverse = view->core->config->R_inverse + l * MK_AT(m, 0);
-        for (int r = 0; r < m && view->have_y[l]; r++)
+        for (int j = 0; j < n; j++) sum += b[i] * W[i > j ? MK_AT(i, j) : MK_AT(j, i)] * b[j];
+    for (int l = 0; l < config->slots; l++) {
+        const MK_REAL *const R_inverse = config->R_inverse + l * MK_AT(m, 0), *const C = config->C + l * m * n;
+        for (int r = 0; r < m && have_y[l]; r++)
             for (int s = 0; s < m; s++)
-                sum += MK_F(mk_rkfd_residual)(n, m, view, l, r, b) * R_inverse[r > s ? MK_AT(r, s) : MK_AT(s, r)] *
-                       MK_F(mk_rkfd_residual)(n, m, view, l, s, b);
+                sum += MK_F(mk_rkfd_residual)(n, C + r * n, have_y[l] == 2, y[l * m + r], x, b) *
+                       R_inverse[r > s ? MK_AT(r, s) : MK_AT(s, r)] *
+                       MK_F(mk_rkfd_residual)(n, C + s * n, have_y[l] == 2, y[l * m + s], x, b);
     }
     return sum >= MK_R(0.0) && sum * MK_R(0.0) == MK_R(0.0) ? sum : MK_LARGEST;
+}
+
+MK_REAL MK_F(mk_rkfd_exact_nis)(const MK_F_T(mk_rkfd_config) * config, const MK_REAL *x, const MK_REAL *W, const MK_REAL *y,
+                                const uint8_t *have_y, const MK_REAL *L, MK_REAL *b) {
+    return MK_F(mk_rkfd_squares)(config, x, W, y, have_y, L, b);
+}
+
+MK_REAL MK_F(mk_rkfd_exact_nis_anew)(const MK_F_T(mk_rkfd_config) * config, const MK_REAL *x, const MK_REAL *W, const MK_REAL *y,
+                                     const uint8_t *have_y, MK_REAL *work) {
+    const int n = config->n, m = config->m;
+    MK_REAL *const L = work, *const b = L + MK_AT(n, 0), *const e = b + n;
+    for (int i = 0; i < MK_AT(n, 0); i++) L[i] = W[i];
+    for (int i = 0; i < n; i++) b[i] = MK_R(0.0);
+    for (int l = 0; l < config->slots; l++)
+        if (have_y[l]) (void)MK_F(mk_rkfd_gather)(n, m, config, l, have_y[l] == 2, x, y + l * m, e, L, b);
+    (void)MK_F(mk_ldl)(n, L); /* positive definite: the step has seen it */
+    MK_F(mk_ldl_forward)(n, 1, L, b);
+    return MK_F(mk_rkfd_squares)(config, x, W, y, have_y, L, b);
 }

@@ -44,9 +44,9 @@ MK_KERNEL mk_status_t MK_F(mk_robust_information)(int n, const MK_REAL *MK_RESTR
     if (robust) {
         int count;
         if (n <= MK_FAST_LARGEST_N) {
-            count = MK_F(mk_gamma_fast_root)(n, &start, L, Z, c, theta);
+            count = MK_F(mk_gamma_fast_root)(n, &start, MK_F(mk_gamma_pivots)(n, L, start.trace), Z, c, theta);
             /* Rarely taken, so out of line and shared by all filters. */
-            if (count == 0) count = MK_F(mk_gamma_root)(n, P, c, theta, work);
+            if (count == 0) count = MK_F(mk_gamma_search)(n, P, c, theta, work);
         } else {
             count = MK_F(mk_inline_gamma_root)(n, P, c, theta, work);
         }
@@ -88,6 +88,26 @@ MK_KERNEL MK_REAL MK_F(mk_rkfd_gather)(int n, int m, const MK_F_T(mk_rkfd_config
     return square;
 }
 
+/* The end of a step that has succeeded. */
+MK_KERNEL void MK_F(mk_rkfd_commit)(int n, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *psi, MK_REAL theta,
+                                    MK_REAL trace_P, int iterations, MK_REAL nis, unsigned used, unsigned rows) {
+    MK_F_T(mk_rkfd) *const core = view->core;
+    core->theta = theta;
+    core->trace_P = trace_P;
+    core->nis = nis;
+    core->iterations = (uint16_t)iterations;
+    MK_UNROLL for (int i = 0; i < n; i++) view->psi[i] = psi[i];
+    view->have_psi[0] = 1;
+    for (int l = 0; l < slots; l++) view->have_y[l] = 0;
+    core->nis_rows = (uint16_t)rows;
+    core->measurements = (uint16_t)used;
+    core->steps_since_measurement = used ? 0 : core->steps_since_measurement + 1;
+    core->faults = (uint16_t)((used < (unsigned)slots ? MK_FAULT_MEASUREMENT_MISSING : 0u) |
+                              (used ? 0u : MK_FAULT_NO_MEASUREMENT) | (core->rejected_now ? MK_FAULT_REJECTED : 0u));
+    core->rejected_now = 0;
+    core->stage = 2;
+}
+
 MK_KERNEL mk_status_t MK_F(mk_rkfd_robust)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, const MK_REAL *input) {
     MK_F_T(mk_rkfd) *const core = view->core;
     const MK_F_T(mk_rkfd_config) *const config = core->config;
@@ -126,7 +146,7 @@ MK_KERNEL mk_status_t MK_F(mk_rkfd_robust)(int n, int m, int slots, const MK_F_T
         MK_UNROLL for (int i = 0; i < n; i++) psi[i] += scaled * X[k * n + i];
     }
     /* A prior much wider than the sensors' noise cancels nearly all of it, overflow makes it NaN: then the long way. */
-    if (!(square >= MK_R(1000.0) * MK_EPSILON * nis)) square = MK_F(mk_rkfd_exact_nis)(n, m, slots, view, Y, b);
+    if (!(square >= MK_R(1000.0) * MK_EPSILON * nis)) square = MK_F(mk_rkfd_exact_nis)(config, view->x, view->W, view->y, view->have_y, Y, b);
     MK_REAL probe = psi[0] * MK_R(0.0);
     MK_UNROLL for (int i = 1; i < n; i++) probe += psi[i] * MK_R(0.0);
     if (!(probe == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
@@ -137,19 +157,6 @@ MK_KERNEL mk_status_t MK_F(mk_rkfd_robust)(int n, int m, int slots, const MK_F_T
     if (status != MK_OK) return status;
 
     MK_F(mk_packed_copy)(n, Z, view->W);
-    MK_UNROLL for (int i = 0; i < n; i++) view->psi[i] = psi[i];
-    view->have_psi[0] = 1;
-    for (int l = 0; l < slots; l++) view->have_y[l] = 0;
-    core->theta = theta;
-    core->trace_P = MK_F(mk_trace)(n, P);
-    core->nis = square;
-    core->nis_rows = (uint16_t)rows;
-    core->iterations = (uint16_t)iterations;
-    core->measurements = (uint16_t)used;
-    core->steps_since_measurement = used ? 0 : core->steps_since_measurement + 1;
-    core->faults = (uint16_t)((used < (unsigned)slots ? MK_FAULT_MEASUREMENT_MISSING : 0u) |
-                              (used ? 0u : MK_FAULT_NO_MEASUREMENT) | (core->rejected_now ? MK_FAULT_REJECTED : 0u));
-    core->rejected_now = 0;
-    core->stage = 2;
+    MK_F(mk_rkfd_commit)(n, slots, view, psi, theta, MK_F(mk_trace)(n, P), iterations, square, used, rows);
     return MK_OK;
 }

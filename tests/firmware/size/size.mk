@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: MIT
+# Flash, RAM, stack and instructions of a node on every target: included by the main Makefile after firmware.mk.
+#   make size            the table (Markdown), build/size/size.json
+#   make size-limits     takes what is measured as the new limits: tests/firmware/size/limits.json
+
+SIZE := $(BUILD)/size
+
+# The call graph with the frame of each function, beside every object.
+FIRMWARE_CFLAGS += -fcallgraph-info=su
+
+# n-m-slots-real-kernels for each target.
+SIZE_FLOAT32 := 4-1-4-f32-unrolled 6-2-8-f32-unrolled 9-3-8-f32-shared 17-8-1-f32-shared
+SIZE_FLOAT64 := 4-1-4-f64-unrolled 6-2-8-f64-unrolled 9-3-8-f64-shared 17-8-1-f64-shared
+$(foreach t,$(FIRMWARE_TARGETS),$(eval SIZE_SHAPES_$(t) := $(SIZE_FLOAT32)))
+SIZE_SHAPES_m7 += $(SIZE_FLOAT64)
+SIZE_SHAPES_m0 += 6-2-8-f32-shared
+SIZE_SHAPES_m4f += 4-1-4-f32-shared 6-2-8-f32-shared 9-3-8-f32-unrolled
+
+size_word = $(word $(2),$(subst -, ,$(1)))
+# $(1): target, $(2): shape.
+define SIZE_IMAGE
+$(call FIRMWARE_IMAGE_FOR,size-$(2),tests/firmware/size/main.c tests/firmware/size/node.c,-DSIZE_N=$(call size_word,$(2),1) \
+  -DSIZE_M=$(call size_word,$(2),2) -DSIZE_SLOTS=$(call size_word,$(2),3) -DSIZE_BITS=$(patsubst f%,%,$(call size_word,$(2),4)) \
+  -DSIZE_UNROLLED=$(if $(filter unrolled,$(call size_word,$(2),5)),1,0),,$(1))
+SIZE_IMAGES += $(FIRMWARE)/$(1)/size-$(2).elf
+SIZE_PLAN += '$(1)|$(2)|$(FIRMWARE_PREFIX_$(1))|$(FIRMWARE_QEMU_$(1))'
+endef
+# Not among the images of make firmware.
+SIZE_OTHERS := $(FIRMWARE_IMAGES)
+$(foreach t,$(FIRMWARE_TARGETS),$(foreach s,$(SIZE_SHAPES_$(t)),$(eval $(call SIZE_IMAGE,$(t),$(s)))))
+FIRMWARE_IMAGES := $(SIZE_OTHERS)
+
+$(SIZE)/count.so: tests/firmware/size/count.c Makefile | $(SETUP)
+	@mkdir -p $(@D)
+	@$(CC) $(CFLAGS) -fPIC -shared $< -o $@
+
+.PHONY: size size-limits size-images
+size-images: $(SIZE_IMAGES) $(SIZE)/count.so
+	@printf '%s\n' $(SIZE_PLAN) > $(SIZE)/plan
+
+size: ## flash, RAM, stack and instructions of a node on six targets: a table, build/size/size.json
+	@$(MAKE) -s --no-print-directory -j2 size-images
+	@$(PYTHON) tests/firmware/size/size.py $(BUILD)
+
+size-limits: size
+	@$(PYTHON) tests/firmware/size/size.py $(BUILD) --set-limits

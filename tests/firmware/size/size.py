@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: MIT
+"""Flash, RAM, stack and instructions of the images of size.mk. Usage: size.py BUILD [--check | --set-limits]
+
+Runs every image under QEMU with the instruction counter, reads its map and its call graph, writes BUILD/size/size.json and a Markdown table.
+--check compares with limits.json beside this file: a line "ok" or "not ok" for each image and goal. --set-limits writes that file.
+"""
+import concurrent.futures
+import json
+import pathlib
+import re
+import statistics
+import subprocess
+import sys
+
+HERE = pathlib.Path(__file__).parent
+LIMITS = HERE / "limits.json"
+ROOTS = ["node_start", "node_put", "node_incremental", "node_put_estimate", "node_diffuse"]
+MARKERS = ["nothing", "loop_100", "loop_300", "start", "put", "incremental", "frozen", "put_estimate", "diffuse"]
+# What is held, with its name in the messages.
+HELD = {"flash": "flash, bytes", "ram": "RAM, bytes", "stack": "stack by the call graph, bytes", "stack_painted": "stack as painted, bytes",
+        "step_usual": "instructions of a usual step", "step_max": "instructions of a step at most", "frozen": "instructions of a frozen step", "diffuse": "instructions of diffusion at most",
+        "put": "instructions of taking a reading"}
+SECONDS = 60  # an image needs a few
+
+
+class Failure(Exception):
+    pass
+
+
+def run(command, **options):
+    return subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=SECONDS, check=True, **options).stdout
+
+
+# --- instructions and painted stack ------------------------------------------------------------------------------------------
+
+def count(build, target, shape, prefix, emulator):
+    """Runs the image: counts by marker, in order, and the lines that it wrote."""
+    elf = build / "firmware" / target / f"size-{shape}.elf"
+    out = build / "size" / f"{target}-{shape}.counts"
+    address = {fields[2]: fields[0] for fields in (line.split() for line in run([prefix + "nm", elf]).splitlines()) if len(fields) == 3}
+    plugin = [f"{build}/size/count.so", f"out={out}", f"end=0x{address['size_end']}"]
+    # A marker that the linker dropped, as there is nothing to mark, stands at an address that no instruction has.
+    plugin += [f"begin=0x{address.get('size_begin_' + name, '1')}" for name in MARKERS]
+    done = subprocess.run(emulator.split() + ["-plugin", ",".join(plugin), "-kernel", elf], stdin=subprocess.DEVNULL, capture_output=True, text=True,
+                          timeout=SECONDS)
+    text = done.stdout + done.stderr
+    if done.returncode:
+        raise Failure(f"{target} {shape}: the image ended with status {done.returncode}: {text[-300:]}")
+    counts = {name: [] for name in MARKERS}
+    for line in out.read_text().splitlines():
+        kind, value = line.split()
+        counts[MARKERS[int(kind)]].append(int(value))
+    markers = counts["nothing"][0]  # what the markers themselves cost
+    return {name: [value - markers for value in values] for name, values in counts.items()}, [line.split() for line in text.splitlines()]
+
+
+def instructions(build, plan):
+    counts, lines = count(build, *plan)
+    turn = counts["loop_300"][0] - counts["loop_100"][0]
+    if turn != 400:
+        raise Failure(f"{plan[0]}: 200 turns of a loop of two instructions were counted as {turn}")
+    steps, by_scenario, good = list(counts["incremental"]), {}, []
+    for name, full, failed in (line[1:] for line in lines if line[:1] == ["scenario"]):
+        mine, steps = steps[:int(full)], steps[int(full):]
+        by_scenario.setdefault(name, []).extend(mine)
+        good += mine[:len(mine) - int(failed)]
+    painted = {line[1]: int(line[2]) for line in lines if line[:1] == ["stack"]}
+    return {
+        "ram": next(int(line[1]) for line in lines if line[:1] == ["ram"]),
+        "stack_painted": max(painted.values()), "stack_painted_of": painted,
+        "step_min": min(good), "step_max": max(counts["incremental"]), "step_usual": statistics.median_low(by_scenario["all"]),
+        "step_of": {name: [min(values), max(values)] for name, values in by_scenario.items()},
+        "frozen": max(counts["frozen"]), "put": max(counts["put"]), "put_estimate": max(counts["put_estimate"], default=None),
+        "start": max(counts["start"]), "diffuse": max(counts["diffuse"]),
+    }
+
+
+# --- flash -------------------------------------------------------------------------------------------------------------------
+
+def flash(build, target, shape):
+    """Text and constants of the node's object and the library's, which is all the linker kept for the five functions; the rest: arithmetic of the
+    compiler's library in the image."""
+    text = (build / "firmware" / target / f"size-{shape}.map").read_text().split("Linker script and memory map", 1)[1]
+    of = {}
+    arithmetic, drawn_in = 0, set()
+    for name, size, file in re.findall(r"^ (\.(?:text|s?rodata)\S*)\s+0x[0-9a-f]+\s+0x([0-9a-f]+) (\S+)$", text, re.M):
+        size = int(size, 16)
+        if file.endswith("/meshkal.o") or file.endswith("/size/node.o"):
+            of[name] = of.get(name, 0) + size
+        elif size and ".a(" in file:
+            drawn_in.add(file.split("(")[1].rstrip(")"))
+            arithmetic += size if "libgcc.a" in file or "libm.a" in file else 0
+    return {"flash": sum(of.values()), "flash_of": {name: size for name, size in sorted(of.items(), key=lambda item: -item[1]) if size},
+            "arithmetic": arithmetic, "drawn_in": sorted(drawn_in)}
+
+
+# --- stack by the call graph -------------------------------------------------------------------------------------------------
+
+def assembled(elf, prefix):
+    """Frame and callees of every function in the image by its machine code: for those of the compiler's library, which has no call graph."""
+    functions, current, calls = {}, [0, set()], set()
+    for line in run([prefix + "objdump", "-d", "--no-show-raw-insn", elf]).splitlines():
+        head = re.match(r"[0-9a-f]+ <(.+)>:$", line)
+        if head:
+            calls = set()
+            current = functions[head[1]] = [0, calls]
+            continue
+        fields = line.split("\t")
+        if len(fields) < 2 or not functions:
+            continue
+        name, rest = fields[1].strip(), fields[2] if len(fields) > 2 else ""
+        if name in ("push", "stmdb", "vpush") and ("{" in rest):
+            registers = 0
+            for part in re.search(r"\{(.*)\}", rest)[1].split(","):
+                low, _, high = part.strip().partition("-")
+                width = 2 if low.startswith("d") else 1
+                registers += width * (int(high[1:]) - int(low[1:]) + 1 if high else 1)
+            current[0] += 4 * registers
+        elif name in ("sub", "sub.w", "subw") and re.match(r"sp, (sp, )?#\d+", rest):
+            current[0] += int(re.search(r"#(\d+)", rest)[1])
+        elif name in ("addi", "add", "c.addi16sp") and re.match(r"sp,(sp,)?-\d+", rest):
+            current[0] += int(re.search(r"-(\d+)", rest)[1])
+        elif "<" in rest and name in ("bl", "b", "b.w", "b.n", "beq.w", "jal", "j", "call", "jalr"):
+            callee = re.search(r"<([^+>]+)", rest)[1]
+            if "+" not in rest:
+                calls.add(callee)
+    return functions
+
+
+def stack(build, target, shape, prefix):
+    """Worst depth below each of the five functions, its own frame included."""
+    directory = build / "firmware" / target
+    frames, calls = {}, {}
+    for graph in (directory / "meshkal.ci", directory / f"size-{shape}" / "tests/firmware/size/node.ci"):
+        text = graph.read_text()
+        for title, label in re.findall(r'^node: \{ title: "(.*?)" label: "(.*?)"', text, re.M):
+            size = re.search(r"\\n(\d+) bytes \((.*?)\)", label)
+            if size:
+                if size[2] != "static":
+                    raise Failure(f"{target} {shape}: the frame of {title} is {size[2]}")
+                frames[title] = int(size[1])
+        for source, callee in re.findall(r'^edge: \{ sourcename: "(.*?)" targetname: "(.*?)"', text, re.M):
+            calls.setdefault(source, set()).add(callee)
+    machine = assembled(directory / f"size-{shape}.elf", prefix)
+
+    def depth(function, above=()):
+        if function == "__indirect_call":
+            raise Failure(f"{target} {shape}: {above[-1]} calls by pointer")
+        if function in above:
+            raise Failure(f"{target} {shape}: {function} is recursive")
+        if function in frames:
+            frame, callees = frames[function], calls.get(function, ())
+        elif function in machine:
+            frame, callees = machine[function]
+            callees = [c for c in callees if c in machine and c != function and c not in above]
+        else:
+            return 0  # an instruction in this place, or not called from the five
+        return frame + max((depth(callee, above + (function,)) for callee in callees), default=0)
+
+    of = {root: depth(root) for root in ROOTS}
+    return {"stack": max(of.values()), "stack_of": of}
+
+
+# --- tables and limits -------------------------------------------------------------------------------------------------------
+
+def measure(build, plan):
+    target, shape, prefix, emulator = plan
+    row = {"target": target, "shape": shape}
+    row.update(flash(build, target, shape))
+    row.update(stack(build, target, shape, prefix))
+    row.update(instructions(build, plan))
+    if row["stack_painted"] > row["stack"]:
+        raise Failure(f"{target} {shape}: {row['stack_painted']} bytes of stack were used, the call graph knows of {row['stack']}")
+    return row
+
+
+def thousands(value):
+    return "" if value is None else f"{value:,}".replace(",", " ")
+
+
+def table(rows):
+    yield "| target | n, m, slots | kernels | flash | arithmetic | RAM | stack: graph, painted | step: usual | least | most | ratio | frozen | diffusion |"
+    yield "|---|---|---|---|---|---|---|---|---|---|---|---|---|"
+    for row in rows:
+        n, m, slots, real, kernels = row["shape"].split("-")
+        cells = [row["target"], f"{n}, {m}, {slots}", f"{'float32' if real == 'f32' else 'float64'} {kernels}", thousands(row["flash"]),
+                 thousands(row["arithmetic"]), thousands(row["ram"]), f"{thousands(row['stack'])}, {thousands(row['stack_painted'])}",
+                 thousands(row["step_usual"]), thousands(row["step_min"]), thousands(row["step_max"]), f"{row['step_max'] / row['step_min']:.2f}",
+                 thousands(row["frozen"]), thousands(row["diffuse"])]
+        yield "| " + " | ".join(cells) + " |"
+
+
+def check(rows):
+    limits = json.loads(LIMITS.read_text())
+    margin, wrong = limits["margin"], 0
+    for row in rows:
+        name, grown = f"{row['target']} {row['shape']}", []
+        limit = limits["images"].get(name)
+        if limit is None:
+            grown.append("has no limits: make size-limits")
+        for key, what in HELD.items() if limit else ():
+            if row[key] > limit[key] * (1 + margin):
+                grown.append(f"{what}: {limit[key]} has grown to {row[key]}, {100 * (row[key] / limit[key] - 1):.1f} %, allowed {100 * margin:g} %")
+                if key == "flash":
+                    before = limit["flash_of"]
+                    more = {part: size - before.get(part, 0) for part, size in row["flash_of"].items() if size > before.get(part, 0)}
+                    grown[-1] += " (" + ", ".join(f"{part} +{size}" for part, size in sorted(more.items(), key=lambda item: -item[1])[:4]) + ")"
+                elif key.startswith("stack"):
+                    before = limit[key + "_of"]
+                    grown[-1] += " (" + ", ".join(f"{part} {before[part]} -> {size}" for part, size in row[key + "_of"].items() if size > before[part]) + ")"
+        more = sorted(set(row["drawn_in"]) - set(limit["drawn_in"])) if limit else []
+        if more:
+            grown.append(f"draws in {', '.join(more[:6])} of the C library")
+        wrong += bool(grown)
+        print(f"not ok: size of {name}: {'; '.join(grown)}" if grown else f"ok: size of {name}")
+    for goal in limits["goals"]:
+        row = next(row for row in rows if goal["image"] == f"{row['target']} {row['shape']}")
+        value = row[goal["value"]]
+        good = value <= goal["most"]
+        wrong += not good
+        print(f"{'ok' if good else 'not ok'}: goal on {goal['image']}: {goal['name']} {value}, at most {goal['most']}")
+    return wrong
+
+
+def set_limits(rows):
+    old = json.loads(LIMITS.read_text()) if LIMITS.exists() else {"margin": 0.03, "goals": []}
+    kept = list(HELD) + ["drawn_in", "flash_of", "stack_of", "stack_painted_of"]
+    old["images"] = {f"{row['target']} {row['shape']}": {key: row[key] for key in kept} for row in rows}
+    LIMITS.write_text(json.dumps(old, indent=1) + "\n")
+    print(f"size: limits written to {LIMITS}")
+
+
+def main(arguments):
+    build = pathlib.Path(arguments[0])
+    plans = [line.split("|") for line in (build / "size" / "plan").read_text().splitlines()]
+    try:
+        with concurrent.futures.ThreadPoolExecutor(2) as pool:
+            rows = list(pool.map(lambda plan: measure(build, plan), plans))
+    except (Failure, subprocess.SubprocessError, OSError, KeyError) as failure:
+        print(f"not ok: size: {failure}")
+        return 1
+    (build / "size" / "size.json").write_text(json.dumps(rows, indent=1) + "\n")
+    if "--set-limits" in arguments:
+        set_limits(rows)
+    elif "--check" in arguments:
+        return check(rows) > 0
+    else:
+        print("\n".join(table(rows)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
