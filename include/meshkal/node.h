@@ -35,7 +35,8 @@ extern "C" {
 #endif
 
 /* Authenticated frames. Caller's memory; parts of a name_secure_t. The key is in aead->context. A sequence number must never be
-   used twice with one key: give every start a higher one than any before, for example the count of boots in the upper 32 bits. */
+   used twice with one key: give every start a higher one than any before, for example the count of boots in the upper 32 bits. At
+   2^64 - 1 they are used up, and nothing is sent any more. */
 typedef struct {
     const mk_aead_t *aead;
     uint64_t sequence;   /* of the next frame that is sent */
@@ -67,7 +68,7 @@ typedef struct {
     } mk_node_gate_##real##_t;                                                                                                \
                                                                                                                               \
     /* Neighbours whose C and R are not in the configuration and come with every reading. Their part of the filter's arrays is \
-       in RAM, and these are those very arrays. */                                                                            \
+       in RAM, and these are those very arrays. Not with a steady part, whose gain is of models that stay: ARGUMENT. */         \
     typedef struct {                                                                                                          \
         const uint8_t *slot; /* slots: 1 for such a neighbour */                                                              \
         mk_##real##_t *C, *F, *S, *R_inverse;                                                                                 \
@@ -110,7 +111,7 @@ typedef struct {
         uint8_t *seen;   /* slots */                                                                                          \
     } mk_node_view_##real##_t;                                                                                                \
                                                                                                                               \
-    /* The same functions for dimensions known at run time only; view.filter.work holds MK_NODE_WORK and MK_NODE_GATE_WORK numbers. */ \
+    /* The same functions for dimensions known at run time only; view.filter.work: the larger of MK_NODE_WORK and MK_NODE_GATE_WORK. */ \
     mk_status_t mk_node_start_##real(int n, int m, int slots, const mk_node_view_##real##_t *view,                            \
                                      const mk_node_config_##real##_t *config);                                                \
     mk_status_t mk_node_secure_##real(const mk_node_view_##real##_t *view, mk_secure_t *secure, int slots);                   \
@@ -170,7 +171,7 @@ MK_DECLARE_NODE_CORE(f64)
  *                              target. Returns its length. At any time.
  * name_restore(node, config, blob, length)
  *                              In place of start: the node goes on bit for bit. LENGTH, CHECKSUM, VERSION, SHAPE, MODEL, STRANGER (of another node),
- *                              NOT_FINITE, NOT_POSITIVE_DEFINITE, and those of start.
+ *                              NOT_FINITE, NOT_POSITIVE_DEFINITE, TOLERANCE, IMPLAUSIBLE and ARGUMENT (what it holds is no state), and those of start.
  * name_record(node, recorder)  Empties the recorder and begins a record with the state; null ends it. LENGTH: does not fit.
  *                              Cost: copying and a CRC of every item.
  */
@@ -208,13 +209,17 @@ MK_DECLARE_NODE_CORE(f64)
         return mk_node_start_##real(n, m, slot_count, &view, config);                                                         \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_secure(name##_t *f, name##_secure_t *secure, const mk_aead_t *aead, uint64_t sequence) {     \
+        if (!secure) return MK_ERROR_ARGUMENT;                                                                                \
         const mk_node_view_##real##_t view = name##_node_view(f, 0);                                                          \
+        const mk_secure_t before = secure->core;                                                                              \
         secure->core.aead = aead;                                                                                             \
         secure->core.sequence = sequence;                                                                                     \
         secure->core.window = secure->window;                                                                                 \
         secure->core.text = secure->text;                                                                                     \
         secure->core.capacity = (uint16_t)sizeof secure->text;                                                                \
-        return mk_node_secure_##real(&view, &secure->core, slot_count);                                                       \
+        const mk_status_t status = mk_node_secure_##real(&view, &secure->core, slot_count);                                   \
+        if (status != MK_OK) secure->core = before;                                                                           \
+        return status;                                                                                                        \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_measure(name##_t *f, const mk_##real##_t *y) {                                               \
         const mk_node_view_##real##_t view = name##_node_view(f, 0);                                                          \

@@ -9,12 +9,6 @@
 #include "distributions.h"
 #include "scenario_read.h"
 
-static uint32_t model_number(const mk_scenario_t *s) {
-    char start[9] = "";
-    memcpy(start, s->sha256, 8);
-    return (uint32_t)strtoul(start, NULL, 16);
-}
-
 #define MK_BITS 32
 #include <meshkal/real.h>
 #define MK_REAL_NAME "float32"

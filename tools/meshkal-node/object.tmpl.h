@@ -66,7 +66,7 @@ static void *MK_F(open)(const mk_scenario_t *s, const mk_object_facts_t *facts) 
     o->nodes = mk_allocate((size_t)o->slots, sizeof *o->nodes);
     for (int l = 0; l < o->slots; l++) o->nodes[l] = (uint16_t)s->slot[s->first[k] + l];
     o->config.nodes = o->nodes;
-    o->config.model = model_number(s);
+    o->config.model = mk_scenario_model(s);
     o->config.catch_up = (uint16_t)facts->catch_up;
     o->config.numbers = (uint8_t)facts->numbers;
     MK_F(put_view)(o, facts);

@@ -203,7 +203,7 @@ static int read_all(mk_reader_t *r, json_t *root, mk_settings_t *s, mk_scenario_
     s->numbers = format < 0 ? (real ? MK_NUMBERS_F64 : MK_NUMBERS_F32) : format;
     if (s->bits == 32 && s->numbers == MK_NUMBERS_F64) return mk_read_bad(r, "numbers", "are float64, more than the node's own float32");
     if (!mk_scenario_load(scenario, s->scenario, r->error)) return 0;
-    const int few = scenario->nodes <= 65536 ||
+    const int few = scenario->nodes <= MK_MOST_FRAMED ||
                     mk_read_bad(r, "scenario", "has %d nodes, but frames have 16 bits for the number of a node", scenario->nodes);
     const int good = few && read_integer(r, root, "", "node", 0, scenario->nodes - 1, &s->node) && read_clock(r, root, s, scenario->dt_s) &&
                      read_network(r, root, s, scenario);

@@ -16,8 +16,8 @@ void MK_F(mk_node_judge_readings)(int n, int m, int slots, const MK_F_T(mk_node_
     MK_F_T(mk_node) *const node = view->node;
     const MK_F_T(mk_rkfd_view) *const filter = &view->filter;
     const MK_F_T(mk_node_gate) *const gate = node->config->gate;
-    node->gated = 0;
     if (filter->core->stage != 1) return;
+    node->gated = 0;
     int judged = 0, refused = 0;
     for (int l = 0; l < slots; l++) {
         if (!filter->have_y[l] || !(gate->reading[l] > MK_R(0.0)) || filter->core->config->rows[l] == 0) continue;
