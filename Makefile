@@ -77,6 +77,8 @@ $(MPI_PROGRAM): $(MPI_OBJECTS) $(filter-out %/main.o,$(HOST_OBJECTS)) $(LIBRARY)
 	@echo "  LD $@"
 	@OMPI_CC=$(CC) mpicc $(CFLAGS) $^ -lmetis $(HOST_LIBS) -o $@
 
+include tools/meshkal-node/node.mk
+
 -include $(MPI_OBJECTS:.o=.d) $(HOST_OBJECTS:.o=.d) $(BUILD)/src/meshkal/meshkal.d
 
 # --- run -------------------------------------------------------------------------------------------------------------------
@@ -104,18 +106,18 @@ reproduce: all ## the published experiment over 30 random draws (DRAWS=N): table
 # --- test and bench --------------------------------------------------------------------------------------------------------
 
 SANITIZE = -O1 -fsanitize=address,undefined -fno-sanitize-recover=all
-include tests/unit/unit.mk tests/host/host.mk tests/mpi/mpi.mk tests/bench/bench.mk tests/package/package.mk \
-  tests/firmware/firmware.mk tests/firmware/demo/demo.mk tests/firmware/size/size.mk
+include port/monocypher/monocypher.mk tests/unit/unit.mk tests/host/host.mk tests/mpi/mpi.mk tests/bench/bench.mk tests/package/package.mk \
+  tests/firmware/firmware.mk tests/firmware/demo/demo.mk tests/firmware/size/size.mk tests/firmware/sealed.mk tests/fuzz/fuzz.mk
 
 # Every suite runs twice: as users build it, and with the sanitizers.
 test: all mpi firmware demo-firmware-parts size-images ## all tests, plain and under ASan and UBSan; last line: N passed, N failed
 	@$(MAKE) -s --no-print-directory BUILD=$(BUILD)/sanitize OPTIMISE="$(SANITIZE)" all mpi
-	@$(MAKE) -s --no-print-directory -j2 $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) $(MPI_TEST_PROGRAMS) $(BUILD)/package-tools/done
+	@$(MAKE) -s --no-print-directory -j2 $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) $(MPI_TEST_PROGRAMS) $(FUZZ_TEST_PROGRAMS) $(BUILD)/package-tools/done
 	@tests/run.sh $(BUILD) \
-	  py:pytest:$(PROGRAM):tests/reference,tests/host,tests/mpi,tests/lab,tests/rerun,tests/reproduce \
-	  py:pytest-sanitized:$(BUILD)/sanitize/meshkal:tests/reference,tests/host,tests/mpi \
-	  $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) $(MPI_TEST_PROGRAMS) $(PACKAGE_TESTS) \
-	  sh:tests/firmware/firmware.sh sh:tests/firmware/demo/demo.sh sh:tests/firmware/size/size.sh
+	  py:pytest:$(PROGRAM):tests/reference,tests/host,tests/node,tests/mpi,tests/lab,tests/rerun,tests/reproduce \
+	  py:pytest-sanitized:$(BUILD)/sanitize/meshkal:tests/reference,tests/host,tests/node,tests/mpi \
+	  $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) $(MPI_TEST_PROGRAMS) $(FUZZ_TEST_PROGRAMS) $(PACKAGE_TESTS) \
+	  sh:tests/firmware/firmware.sh sh:tests/firmware/demo/demo.sh sh:tests/firmware/size/size.sh sh:tests/firmware/sealed.sh
 
 bench: | $(SETUP) ## a node step beside Eigen and LAPACKE, analyze against nodes, simulate against processes: tables, build/bench/*.json
 

@@ -44,8 +44,9 @@ typedef enum {
     MK_ERROR_TOLERANCE,             /* tolerance negative, not finite, or without a root in this precision */
     MK_ERROR_ORDER,                 /* call out of turn: the header says which call comes first */
     MK_ERROR_REPEATED,              /* the slot has already been filled in this step: the new value was dropped */
-    /* Why a node refused a frame (meshkal/frame.h, meshkal/node.h), in the order in which a frame is examined. */
-    MK_ERROR_LENGTH,                /* truncated, or longer than its content */
+    /* Why a node refused a frame (meshkal/frame.h, meshkal/node.h), in the order in which a frame is examined; but TYPE comes after CHECKSUM,
+       TYPE and LENGTH once more where a neighbour's content is looked at, and REPEATED and NOT_FINITE stand before IMPLAUSIBLE. */
+    MK_ERROR_LENGTH,                /* truncated, or not as long as its content */
     MK_ERROR_VERSION,               /* another version of the format */
     MK_ERROR_TYPE,                  /* stage, number format or flags unknown or not expected from this neighbour */
     MK_ERROR_CHECKSUM,              /* CRC-32 does not match */

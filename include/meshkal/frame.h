@@ -78,9 +78,9 @@ mk_status_t mk_numbers_put_f64(int numbers, int count, const double *values, uin
 mk_status_t mk_numbers_get_f32(int numbers, int count, const uint8_t *bytes, float *values);
 mk_status_t mk_numbers_get_f64(int numbers, int count, const uint8_t *bytes, double *values);
 
-/* Authenticated encryption, the caller's: two functions that return 1, or 0. header is authenticated, text (length bytes, any number, also 0) is encrypted or
-   decrypted in place. Any AEAD with a nonce of 12 bytes and a tag of 16 will do (ChaCha20-Poly1305 of RFC 8439, AES-GCM, AES-CCM).
-   On 0 text is not used. */
+/* Authenticated encryption, the caller's: two functions that return 1, or 0. header is authenticated, text (length bytes, any number, also
+   0) is encrypted or decrypted in place. Any AEAD with a nonce of 12 bytes and a tag of 16 will do (ChaCha20-Poly1305 of RFC 8439,
+   AES-GCM, AES-CCM). On 0 text is not used. */
 typedef struct {
     int (*seal)(void *context, const uint8_t nonce[12], const uint8_t *header, size_t header_length, uint8_t *text, size_t length, uint8_t tag[16]);
     int (*open)(void *context, const uint8_t nonce[12], const uint8_t *header, size_t header_length, uint8_t *text, size_t length, const uint8_t tag[16]);
@@ -97,8 +97,8 @@ typedef struct {
 int mk_replay_new(const mk_replay_t *window, uint64_t sequence);
 void mk_replay_mark(mk_replay_t *window, uint64_t sequence);
 
-/* Examines a frame: LENGTH, VERSION, TYPE, and for a plain one CHECKSUM. Writes *frame on success only; payload of a sealed
-   one is still encrypted and must not be used before mk_frame_open. Reads nothing beyond length. */
+/* Examines a frame: LENGTH, VERSION, for a plain one CHECKSUM, then TYPE: what is damaged is called so. Writes *frame on success
+   only; payload of a sealed one is still encrypted and must not be used before mk_frame_open. Reads nothing beyond length. */
 mk_status_t mk_frame_read(const uint8_t *bytes, size_t length, mk_frame_t *frame);
 
 /* Opens a sealed frame that mk_frame_read found in `bytes`: REPLAYED, FORGED. text: room for frame->length bytes, where payload

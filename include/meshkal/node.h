@@ -11,11 +11,15 @@
  * What has not come when a stage ends is missing in this step. A frame of a stage that is over is late: counted and dropped. A second one of the same
  * node, step and stage is a repeat: counted and dropped. Clocks need not agree exactly: a frame one stage ahead is kept for that stage.
  *
- * Steps are counted modulo 2^32. A node that was rebooted or slept is behind its neighbours, and finds out: when, in the step that diffuse
- * ends, more than half of the neighbours that it heard were more than one stage ahead, it goes to the lowest step in which those want
- * frames next: the step of a reading that was heard last, the one after the step of an estimate. Up to config.catch_up steps it makes up
- * for, each a prediction without readings; farther behind, it starts again from x0 and P0 at that step. An application that knows the step
- * (from a clock that ran on) calls advance, which does the same.
+ * Steps are counted modulo 2^32. A node that was rebooted or slept is behind its neighbours, and finds out when diffuse ends a step: if at least
+ * half of the neighbours that it heard in it were more than one stage ahead, or some were in MK_NODE_LEFT_BEHIND such steps in a row, it goes to
+ * the lowest step in which those will be by then. So a network follows its fastest clock, however many nodes were rebooted together. Up to
+ * config.catch_up steps it makes up for, each a prediction without readings; farther behind, it starts again from x0 and P0 at that
+ * step. An application that knows the step (from a clock that ran on) calls advance, which does the same; it must where
+ * a network has run for 2^31 steps or more. A neighbour that lies about its step is believed as any other: sealed frames keep strangers out.
+ *
+ * A node does not stop. Where a step is impossible (what arrived overflows, or after a long silence P leaves the range of the precision) its readings
+ * are dropped and W := P0^-1, x stays if that suffices, and the step is taken; where estimates overflow in diffuse they are dropped. Both are counted.
  *
  * accept treats every byte as hostile. A refused frame changes nothing but its counter and what the rule above knows of steps.
  *
@@ -35,7 +39,8 @@ extern "C" {
 #endif
 
 /* Authenticated frames. Caller's memory; parts of a name_secure_t. The key is in aead->context. A sequence number must never be
-   used twice with one key: give every start a higher one than any before, for example the count of boots in the upper 32 bits. */
+   used twice with one key: give every start a higher one than any before, for example the count of boots in the upper 32 bits. At
+   2^64 - 1 they are used up, and nothing is sent any more. */
 typedef struct {
     const mk_aead_t *aead;
     uint64_t sequence;   /* of the next frame that is sent */
@@ -53,7 +58,9 @@ typedef struct {
                                                                           : MK_RKFD_PREDICT_WORK(n, m) + (m) + MK_PACKED(m))
 /* Bytes of a saved state, at most; `size` is that of a number. */
 #define MK_NODE_BLOB(size, n, m, slots)                                                                                       \
-    (83 + 4 * MK_STATUS_COUNT + 7 * (slots) + (size) * (4 + (n) + MK_PACKED(n) + (slots) * ((m) + (n) + (m) * (n))))
+    (85 + 4 * MK_STATUS_COUNT + 7 * (slots) + (size) * (4 + (n) + MK_PACKED(n) + (slots) * ((m) + (n) + (m) * (n))))
+
+#define MK_NODE_LEFT_BEHIND 4
 
 #define MK_DECLARE_NODE_CORE(real)                                                                                            \
     /* Refusal of what the filter does not expect. Readings are judged when stage 1 ends, by e' (C V C' + R)^-1 e with e = y - C x      \
@@ -67,7 +74,7 @@ typedef struct {
     } mk_node_gate_##real##_t;                                                                                                \
                                                                                                                               \
     /* Neighbours whose C and R are not in the configuration and come with every reading. Their part of the filter's arrays is \
-       in RAM, and these are those very arrays. */                                                                            \
+       in RAM, and these are those very arrays. Not with a steady part, whose gain is of models that stay: ARGUMENT. */         \
     typedef struct {                                                                                                          \
         const uint8_t *slot; /* slots: 1 for such a neighbour */                                                              \
         mk_##real##_t *C, *F, *S, *R_inverse;                                                                                 \
@@ -96,10 +103,11 @@ typedef struct {
         uint32_t early;                    /* of those that were taken, one stage ahead */                                    \
         uint32_t caught_up;                /* steps made up for */                                                            \
         uint32_t restarts;                 /* because it was too far behind */                                                \
-        uint32_t reinitialised;            /* the gate's way back */                                                          \
+        uint32_t reinitialised;            /* W := P0^-1, by the gate's way back or because a step was impossible */          \
         uint32_t unsent;                   /* frames that could not be written: number beyond the format, or no seal */       \
         uint16_t gated;                    /* by the last step, readings and estimates */                                     \
         uint16_t gated_steps;              /* in a row, in which most readings were refused */                                \
+        uint16_t left_behind;              /* steps in a row in which some neighbour was ahead */                             \
         uint32_t behind;                   /* steps that the neighbours are ahead, as the last diffuse found; then made up for */ \
     } mk_node_##real##_t;                                                                                                     \
                                                                                                                               \
@@ -110,7 +118,7 @@ typedef struct {
         uint8_t *seen;   /* slots */                                                                                          \
     } mk_node_view_##real##_t;                                                                                                \
                                                                                                                               \
-    /* The same functions for dimensions known at run time only; view.filter.work holds MK_NODE_WORK and MK_NODE_GATE_WORK numbers. */ \
+    /* The same functions for dimensions known at run time only; view.filter.work: the larger of MK_NODE_WORK and MK_NODE_GATE_WORK. */ \
     mk_status_t mk_node_start_##real(int n, int m, int slots, const mk_node_view_##real##_t *view,                            \
                                      const mk_node_config_##real##_t *config);                                                \
     mk_status_t mk_node_secure_##real(const mk_node_view_##real##_t *view, mk_secure_t *secure, int slots);                   \
@@ -136,6 +144,9 @@ typedef struct {
     void mk_node_judge_readings_##real(int n, int m, int slots, const mk_node_view_##real##_t *view);                         \
     void mk_node_judge_estimates_##real(int n, int slots, const mk_node_view_##real##_t *view);                               \
     void mk_node_end_step_##real(int slots, const mk_node_view_##real##_t *view);                                             \
+    int mk_node_recover_##real(int n, int slots, const mk_node_view_##real##_t *view, mk_status_t status,                     \
+                               const mk_##real##_t *input, int attempt);                                                      \
+    int mk_node_drop_estimates_##real(int slots, const mk_node_view_##real##_t *view, mk_status_t status);                    \
     mk_status_t mk_node_begin_advance_##real(int n, int slots, const mk_node_view_##real##_t *view, uint32_t step);           \
     void mk_node_note_##real(int n, const mk_node_view_##real##_t *view, int kind, mk_status_t status, uint32_t step,         \
                              const mk_##real##_t *input);
@@ -157,11 +168,12 @@ MK_DECLARE_NODE_CORE(f64)
  *                              could not be written (counter `unsent`). May be called again, to send it again.
  * name_accept(node, bytes, length)
  *                              A frame that arrived. Not changed. OK: taken; otherwise why it was refused, also counted in counts[].
- * name_incremental(node)       Ends stage 1. Errors and what they leave as name_incremental of rkfd.h; refused readings stay refused.
+ * name_incremental(node)       Ends stage 1. ORDER; NOT_FINITE: input; any other error of name_incremental in rkfd.h only if it remains from x0 and P0
+ *                              (a tolerance that has no root there).
  * name_incremental_with(node, T input[n])
  *                              The same with r(t).
- * name_diffuse(node)           Ends stage 2 and the step; where the node is behind it makes up for that here (see above). Errors as name_diffuse of
- *                              rkfd.h; as advance while it makes up, then with the steps so far done.
+ * name_diffuse(node)           Ends stage 2 and the step; where the node is behind it makes up for that here (see above). ORDER;
+ *                              as advance while it makes up, then with the steps so far done.
  * name_advance(node, step)     Between diffuse and incremental: goes on to this step as described above. ARGUMENT: not ahead of this node;
  *                              ORDER; errors of the steps, with those before done.
  * name_estimate, name_intermediate, name_set_tolerance, name_restart: as in rkfd.h. The filter itself is member `filter`.
@@ -170,7 +182,7 @@ MK_DECLARE_NODE_CORE(f64)
  *                              target. Returns its length. At any time.
  * name_restore(node, config, blob, length)
  *                              In place of start: the node goes on bit for bit. LENGTH, CHECKSUM, VERSION, SHAPE, MODEL, STRANGER (of another node),
- *                              NOT_FINITE, NOT_POSITIVE_DEFINITE, and those of start.
+ *                              NOT_FINITE, NOT_POSITIVE_DEFINITE, TOLERANCE, IMPLAUSIBLE and ARGUMENT (what it holds is no state), and those of start.
  * name_record(node, recorder)  Empties the recorder and begins a record with the state; null ends it. LENGTH: does not fit.
  *                              Cost: copying and a CRC of every item.
  */
@@ -208,13 +220,17 @@ MK_DECLARE_NODE_CORE(f64)
         return mk_node_start_##real(n, m, slot_count, &view, config);                                                         \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_secure(name##_t *f, name##_secure_t *secure, const mk_aead_t *aead, uint64_t sequence) {     \
+        if (!secure) return MK_ERROR_ARGUMENT;                                                                                \
         const mk_node_view_##real##_t view = name##_node_view(f, 0);                                                          \
+        const mk_secure_t before = secure->core;                                                                              \
         secure->core.aead = aead;                                                                                             \
         secure->core.sequence = sequence;                                                                                     \
         secure->core.window = secure->window;                                                                                 \
         secure->core.text = secure->text;                                                                                     \
         secure->core.capacity = (uint16_t)sizeof secure->text;                                                                \
-        return mk_node_secure_##real(&view, &secure->core, slot_count);                                                       \
+        const mk_status_t status = mk_node_secure_##real(&view, &secure->core, slot_count);                                   \
+        if (status != MK_OK) secure->core = before;                                                                           \
+        return status;                                                                                                        \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_measure(name##_t *f, const mk_##real##_t *y) {                                               \
         const mk_node_view_##real##_t view = name##_node_view(f, 0);                                                          \
@@ -245,14 +261,26 @@ MK_DECLARE_NODE_CORE(f64)
         const mk_node_view_##real##_t view = name##_node_view(f, work);                                                       \
         return mk_node_begin_advance_##real(n, slot_count, &view, step);                                                      \
     }                                                                                                                         \
-    MK_INLINE mk_status_t name##_run_incremental(name##_t *f, const mk_##real##_t *input) {                                   \
+    MK_NOINLINE int name##_recover(name##_t *f, mk_status_t status, const mk_##real##_t *input, int attempt) {                \
+        mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                               \
+        const mk_node_view_##real##_t view = name##_node_view(f, work);                                                       \
+        return mk_node_recover_##real(n, slot_count, &view, status, input, attempt);                                          \
+    }                                                                                                                         \
+    MK_NOINLINE mk_status_t name##_run_incremental(name##_t *f, const mk_##real##_t *input) {                                 \
+        int attempt;                                                                                                          \
+        mk_status_t status;                                                                                                   \
         if (f->node.config && f->node.config->gate) name##_judge_readings(f);                                                 \
-        return name##_step_incremental(f, input);                                                                             \
+        status = name##_step_incremental(f, input);                                                                           \
+        for (attempt = 0; attempt < 2 && status != MK_OK && name##_recover(f, status, input, attempt); attempt++)             \
+            status = name##_step_incremental(f, input);                                                                       \
+        return status;                                                                                                        \
     }                                                                                                                         \
     MK_NOINLINE mk_status_t name##_run_diffuse(name##_t *f) {                                                                 \
         const mk_node_view_##real##_t view = name##_node_view(f, 0);                                                          \
         if (f->node.config && f->node.config->gate) mk_node_judge_estimates_##real(n, slot_count, &view);                     \
-        const mk_status_t status = name##_filter_diffuse(&f->filter);                                                         \
+        mk_status_t status = name##_filter_diffuse(&f->filter);                                                               \
+        if (status != MK_OK && mk_node_drop_estimates_##real(slot_count, &view, status))                                      \
+            status = name##_filter_diffuse(&f->filter);                                                                       \
         if (status == MK_OK) mk_node_end_step_##real(slot_count, &view);                                                      \
         return status;                                                                                                        \
     }                                                                                                                         \

@@ -11,7 +11,12 @@
  *     6      k   content; numbers in the node's own precision
  *     6 + k  4   CRC-32 of all before
  *
- * Everything before a cut can be read. An item CONFIGURATION (or, from elsewhere, the same configuration) and an item STATE must come before the rest.
+ * Recorded is every call that can change an estimate: readings, refused ones too; frames whose seal or checksum was good, whatever became of
+ * them (others change nothing but counters); steps, advance, tolerance, restart. Not recorded: what is put into member `filter` past the
+ * node object, such as innovations. Counters are those of the recorded calls.
+ *
+ * Everything before a cut can be read. An item CONFIGURATION (or, from elsewhere, the same configuration) and an item STATE must come before
+ * the rest. A further STATE says where a recorder was started again: where items were lost before it, the replay shows the gap.
  */
 #ifndef MESHKAL_RECORD_H
 #define MESHKAL_RECORD_H
@@ -28,7 +33,7 @@ enum {
     MK_ITEM_STATE = 2,         /* name_save: state before the next item */
     MK_ITEM_MEASURE = 3,       /* y, rows of the node's own sensor */
     MK_ITEM_FRAME = 4,         /* a frame that came from a neighbour and passed its seal or checksum, as a plain frame without CRC */
-    MK_ITEM_INCREMENTAL = 5,   /* input r if one was given (n), then psi (n); nothing after a failure */
+    MK_ITEM_INCREMENTAL = 5,   /* input r if one was given (n), then psi (n); no psi after a failure */
     MK_ITEM_DIFFUSE = 6,       /* step afterwards (4 bytes), x (n) */
     MK_ITEM_ADVANCE = 7,       /* step asked for, step afterwards (4 bytes each), x (n) */
     MK_ITEM_TOLERANCE = 8,     /* c */
@@ -36,9 +41,9 @@ enum {
 };
 
 /* Content of CONFIGURATION: n, m, slots, catch_up, patience (2 bytes each); bits of a number, MK_NUMBERS_ of its frames, with_model, flags
-   (1 byte each; flags 1: input, 2: gate, 4: foreign, 8: steady part); model (4); for each slot its node (2), rows (1), foreign (1); then numbers: A, Q, input, x0, P0,
-   weight, C, F, S, R_inverse, tolerance; with a gate its thresholds for readings and for estimates; with foreign its limit; with a steady part Phi, G, W,
-   theta, trace_P, close, period. */
+   (1 byte each; flags 1: input, 2: gate, 4: foreign, 8: steady); model (4); for each slot its node (2), rows (1), foreign (1); then numbers: A, Q, input, x0, P0,
+   weight, C, F, S, R_inverse, tolerance; with a gate its thresholds for readings and for estimates; with foreign its limit; with a steady
+   part Phi, G, W, theta, trace_P, close and the period (2 bytes). */
 
 #define MK_ITEM_OVERHEAD 10
 

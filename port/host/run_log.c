@@ -30,7 +30,7 @@ int mk_log_open(mk_run_log_t *log, const char *path, mk_error_t *error) {
 }
 
 void mk_log_header(mk_run_log_t *log, const mk_scenario_t *s, const mk_run_facts_t *facts) {
-    mk_cbor_map(&log->out, 20);
+    mk_cbor_map(&log->out, 20 + (facts->estimator_node != NULL));
     mk_cbor_pair(&log->out, "format", "meshkal-log");
     mk_cbor_count(&log->out, "format_version", 1);
     mk_cbor_pair(&log->out, "program", "meshkal " MK_VERSION);
@@ -61,10 +61,15 @@ void mk_log_header(mk_run_log_t *log, const mk_scenario_t *s, const mk_run_facts
         mk_cbor_array(&log->out, (size_t)(facts->first[e + 1] - facts->first[e]));
         for (int i = facts->first[e]; i < facts->first[e + 1]; i++) mk_cbor_uint(&log->out, (uint64_t)facts->slot[i]);
     }
+    if (facts->estimator_node) {
+        mk_cbor_key(&log->out, "estimator_nodes");
+        mk_cbor_array(&log->out, (size_t)facts->estimators);
+        for (int e = 0; e < facts->estimators; e++) mk_cbor_uint(&log->out, (uint64_t)facts->estimator_node[e]);
+    }
     send_item(log);
 }
 
-void mk_log_begin(mk_run_log_t *log, int run, int step, int arrays) {
+void mk_log_begin(mk_run_log_t *log, int run, int64_t step, int arrays) {
     mk_cbor_map(&log->out, (size_t)arrays + 2);
     mk_cbor_count(&log->out, "run", (uint64_t)run);
     mk_cbor_count(&log->out, "step", (uint64_t)step);
@@ -96,10 +101,14 @@ void mk_log_append(mk_run_log_t *log, const void *bytes, size_t length, uint64_t
     show(log);
 }
 
+void mk_log_put_end(mk_cbor_t *out, const char *how, uint64_t items) {
+    mk_cbor_map(out, 2);
+    mk_cbor_pair(out, "end", how);
+    mk_cbor_count(out, "items", items);
+}
+
 int mk_log_close(mk_run_log_t *log, const char *how, mk_error_t *error) {
-    mk_cbor_map(&log->out, 2);
-    mk_cbor_pair(&log->out, "end", how);
-    mk_cbor_count(&log->out, "items", log->items);
+    mk_log_put_end(&log->out, how, log->items);
     send_item(log);
     if (fflush(log->stream) != 0 && !log->failed) log->failed = errno;
     if (!log->is_standard_output && fclose(log->stream) != 0 && !log->failed) log->failed = errno;

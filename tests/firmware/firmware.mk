@@ -8,9 +8,9 @@
 # NAME.elf is SOURCES (C files), the library and the port, for TARGETS (default: all six). FLAGS (-I, -D) are for its own sources only,
 # which are compiled after PREREQUISITES (generated headers) are made. An image named *-f32 promises single precision: where the
 # hardware has no other, its symbols are checked for that. To run it as a test:
-#   $(eval $(call FIRMWARE_TEST,NAME,ARGUMENTS,STATUS,TEXT))
-# (add files that it reads to FIRMWARE_DATA) passes on every target of the image if it exits with STATUS (default 0) and, where given, writes TEXT. ARGUMENTS: words of its
-# command line, no commas. Arguments of FIRMWARE_ macros contain no vertical bars.
+#   $(eval $(call FIRMWARE_TEST,NAME,ARGUMENTS,STATUS,TEXT,AFTER))
+# (add files that it reads to FIRMWARE_DATA) passes on every target of the image if it exits with STATUS (default 0) and, where given, writes
+# TEXT and then the host's command AFTER succeeds. ARGUMENTS: words of its command line, no commas. Arguments of FIRMWARE_ macros contain no vertical bars.
 
 FIRMWARE := $(BUILD)/firmware
 
@@ -89,7 +89,7 @@ endef
 
 # A line of the plan for each target: target, image, arguments, status, text.
 define FIRMWARE_TEST
-FIRMWARE_PLAN += $(foreach t,$(FIRMWARE_TARGETS_$(1)),'$(t)|$(1)|$(strip $(2))|$(or $(strip $(3)),0)|$(strip $(4))')
+FIRMWARE_PLAN += $(foreach t,$(FIRMWARE_TARGETS_$(1)),'$(t)|$(1)|$(strip $(2))|$(or $(strip $(3)),0)|$(strip $(4))|$(strip $(5))')
 endef
 
 # --- the images ------------------------------------------------------------------------------------------------------------
@@ -135,6 +135,8 @@ $(foreach b,32 64,$(eval $(call FIRMWARE_NETWORK,$(b)))\
   $(eval $(call FIRMWARE_IMAGE,network-f$(b),tests/firmware/network.c,-DNETWORK_BITS=$(b) -I$(FIRMWARE)/network-f$(b),$(FIRMWARE)/network-f$(b)/network_data.h))\
   $(eval $(call FIRMWARE_TEST,network-f$(b),,0,numbers agree))\
   $(eval $(call FIRMWARE_TEST,network-f$(b),altered,1,differs)))
+
+include tests/firmware/replay.mk
 
 # --- run -------------------------------------------------------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ limit=60 # seconds: an image needs less than two
 [ -s "$dir/plan" ] && [ -s "$dir/targets" ] || { echo "not ok: there are no images: make firmware" && exit 1; }
 column() { sed -n "s/^$1|//p" "$dir/targets" | cut -d'|' -f"$2"; } # target, number
 
-while IFS='|' read -r target image arguments status text; do
+while IFS='|' read -r target image arguments status text after; do
     title="$target $image${arguments:+ $arguments}"
     log=$dir/$target/$image.log
     # shellcheck disable=SC2046
@@ -17,6 +17,7 @@ while IFS='|' read -r target image arguments status text; do
     if [ $got -eq 124 ]; then echo "not ok: $title: still running after $limit s"
     elif [ $got -ne "$status" ]; then echo "not ok: $title: exit status $got, expected $status"
     elif [ -n "$text" ] && ! grep -qF "$text" "$log"; then echo "not ok: $title: did not write '$text'"
+    elif [ -n "$after" ] && ! sh -c "$after" </dev/null >>"$log" 2>&1; then echo "not ok: $title: $after"
     else echo "ok: $title" && continue; fi
     sed 's/^/    /' "$log" | head -n 20
 done <"$dir/plan"

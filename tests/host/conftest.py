@@ -66,8 +66,9 @@ def shared(tmp_path_factory):
     def build(*sources):
         place = tmp_path_factory.mktemp("shared") / "tested.so"
         sanitize = ["-fsanitize=undefined", "-fno-sanitize-recover=all"] if SANITIZED else []
-        subprocess.run(["gcc", "-std=c99", "-O2", "-g", "-ffp-contract=off", "-D_POSIX_C_SOURCE=200809L", *sanitize, "-shared", "-fPIC",
-                        f"-I{ROOT}/include", f"-I{ROOT}/port/host", f"-I{ROOT}/tools/meshkal", *(ROOT / s for s in sources), "-o", place, "-lm"], check=True)
+        include = [f"-I{ROOT}/{folder}" for folder in ("include", "src", "port/host", "tools/meshkal")]
+        subprocess.run(["gcc", "-std=c99", "-O2", "-g", "-ffp-contract=off", "-D_POSIX_C_SOURCE=200809L", *sanitize, "-shared", "-fPIC", *include,
+                        *(ROOT / s for s in sources), "-o", place, "-lm"], check=True)
         return ctypes.CDLL(str(place))
     return build
 

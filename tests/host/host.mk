@@ -40,6 +40,17 @@ $(HOST_SANE)/test_%: $(HOST_TEST)/test_%.c $(HOST_SANE_PARTS) $(wildcard port/ho
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $(SANITIZE) $(HOST_INCLUDE) $< $(HOST_SANE_PARTS) $(HOST_TEST_LIBS) -o $@
 
+# The seal for targets.
+HOST_SANITIZE = $(if $(filter $(HOST_SANE)/%,$@),$(SANITIZE))
+$(HOST_PLAIN)/monocypher.o $(HOST_SANE)/monocypher.o: $(MONOCYPHER)/monocypher.c Makefile
+	@mkdir -p $(@D)
+	@$(CC) $(CFLAGS) $(HOST_SANITIZE) -c $< -o $@
+$(HOST_PLAIN)/test_aead_monocypher $(HOST_SANE)/test_aead_monocypher: %/test_aead_monocypher: $(HOST_TEST)/test_aead_monocypher.c \
+		port/monocypher/aead_monocypher.c port/host/aead_sodium.c port/host/error.c %/monocypher.o \
+		port/monocypher/aead_monocypher.h port/host/aead_sodium.h include/meshkal/frame.h
+	@echo "  LD $@"
+	@$(CC) $(CFLAGS) $(HOST_SANITIZE) $(HOST_INCLUDE) $(MONOCYPHER_INCLUDE) $(filter %.c %.o,$^) -lcmocka -lsodium -o $@
+
 # --- generated headers -----------------------------------------------------------------------------------------------------
 
 $(HOST_PLAIN)/projectile.json: $(PROGRAM)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The frozen gain of `--frozen`: the headers' numbers against the definitions, and what it costs in a simulation."""
 import json
 import re

@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: MIT */
-/* Every public header in C++17, and both ways of declaring a filter in both precisions: it compiles, links, and takes a step. */
+/* Every public header in C++17, and both ways of declaring a filter and a node in both precisions: it compiles, links, and takes a step. */
 #include <meshkal/base.h>
+#include <meshkal/frame.h>
 #include <meshkal/gamma.h>
+#include <meshkal/node.h>
+#include <meshkal/record.h>
 #include <meshkal/rkfd.h>
 #include <meshkal/unrolled.h>
 
@@ -14,6 +17,10 @@ MK_RKFD(shared_f32, f32, 2, 1, 1);
 MK_RKFD(shared_f64, f64, 2, 1, 1);
 MK_RKFD_UNROLLED(unrolled_f32, f32, 2, 1, 1);
 MK_RKFD_UNROLLED(unrolled_f64, f64, 2, 1, 1);
+MK_NODE(node_f32, f32, 2, 1, 1);
+MK_NODE(node_f64, f64, 2, 1, 1);
+MK_NODE_UNROLLED(quick_f32, f32, 2, 1, 1);
+MK_NODE_UNROLLED(quick_f64, f64, 2, 1, 1);
 
 static_assert(std::is_standard_layout<shared_f32_t>::value && std::is_trivially_copyable<shared_f32_t>::value, "plain C structs");
 static_assert(std::is_standard_layout<unrolled_f64_t>::value && std::is_trivially_copyable<unrolled_f64_t>::value, "plain C structs");
@@ -41,6 +48,29 @@ template <typename T> struct constants {
         return good;                                                                                                           \
     }()
 
+#define NODE(name, real)                                                                                                       \
+    [] {                                                                                                                       \
+        static constants<mk_##real##_t> k;                                                                                     \
+        static name##_t node, other;                                                                                           \
+        static name##_secure_t secure;                                                                                         \
+        static std::uint8_t blob[name##_blob_max], frame[name##_frame_max], record[2000];                                      \
+        static const std::uint16_t nodes[1] = {7};                                                                             \
+        const mk_##real##_t y[1] = {2};                                                                                        \
+        bool good = mk_rkfd_sensor_##real(2, 1, 1, k.C, k.R, k.F, k.S, k.R_inverse, k.work) == MK_OK;                          \
+        name##_config_t config = {{2,      1,   1,   k.A, k.Q, nullptr,     k.x0,                 k.P0, k.weight,              \
+                                   k.rows, k.C, k.F, k.S, k.R_inverse, mk_##real##_t(0.02), nullptr}, nodes, 1, 5, MK_NUMBERS_F32, 0, nullptr, nullptr}; \
+        mk_recorder_t recorder = {record, sizeof record, 0, 0, 1};                                                             \
+        good = good && name##_start(&node, &config) == MK_OK && name##_record(&node, &recorder) == MK_OK;                      \
+        good = good && name##_measure(&node, y) == MK_OK && name##_frame(&node, MK_STAGE_MEASUREMENT, frame) == 20;            \
+        good = good && name##_accept(&node, frame, 20) == MK_ERROR_STRANGER && name##_incremental(&node) == MK_OK;             \
+        good = good && name##_intermediate(&node)[0] > 0 && name##_diffuse(&node) == MK_OK && name##_advance(&node, 3) == MK_OK; \
+        const std::size_t length = name##_save(&node, blob);                                                                   \
+        good = good && name##_restore(&other, &config, blob, length) == MK_OK && name##_estimate(&other)[0] == name##_estimate(&node)[0]; \
+        good = good && name##_incremental_with(&other, k.x0) == MK_OK && name##_set_tolerance(&other, 0) == MK_OK;             \
+        good = good && name##_restart(&other, k.x0, k.P0) == MK_OK && name##_secure(&other, &secure, nullptr, 0) == MK_ERROR_ARGUMENT; \
+        return good && recorder.lost == 0;                                                                                     \
+    }()
+
 template <typename T> bool gamma(int (*root)(int, const T *, T, T *, T *), int (*value)(int, const T *, T, T *, T *, T *)) {
     const T P[MK_PACKED(2)] = {2, 0, 1};
     T work[MK_GAMMA_WORK(2)], theta, found;
@@ -51,6 +81,7 @@ template <typename T> bool gamma(int (*root)(int, const T *, T, T *, T *), int (
 
 int main() {
     const bool good = STEP(shared_f32, f32) && STEP(shared_f64, f64) && STEP(unrolled_f32, f32) && STEP(unrolled_f64, f64) &&
+                      NODE(node_f32, f32) && NODE(node_f64, f64) && NODE(quick_f32, f32) && NODE(quick_f64, f64) &&
                       gamma<float>(mk_gamma_root_f32, mk_gamma_f32) && gamma<double>(mk_gamma_root_f64, mk_gamma_f64) &&
                       mk_status_name(MK_OK)[0] == 'M';
     return good ? 0 : 1;

@@ -16,7 +16,7 @@ typedef struct {
     MPI_Comm graph; /* of the peers, while a network is divided */
     MPI_Request request;
     /* For every stage: bytes to and from each peer, and their places. */
-    int *send_count[MK_STAGES], *send_place[MK_STAGES], *receive_count[MK_STAGES], *receive_place[MK_STAGES];
+    int *send_count[MK_EXCHANGES], *send_place[MK_EXCHANGES], *receive_count[MK_EXCHANGES], *receive_place[MK_EXCHANGES];
     /* On rank 0: nodes of all parts, part by part from node_first[rank]. */
     int *node, *node_first;
 } job_t;
@@ -80,12 +80,12 @@ static void sum(mk_team_t *team, mk_exact_t *sums, size_t count) {
 
 /* --- a network in parts ---------------------------------------------------------------------------------------------------- */
 
-static size_t node_bytes(const mk_scenario_t *s, int k, mk_stage_t stage, size_t real_size) {
-    return stage == MK_STAGE_MEASUREMENT ? (size_t)s->sensor[k].rows * sizeof(double) : (size_t)s->n * real_size;
+static size_t node_bytes(const mk_scenario_t *s, int k, mk_exchange_t stage, size_t real_size) {
+    return stage == MK_EXCHANGE_READINGS ? (size_t)s->sensor[k].rows * sizeof(double) : (size_t)s->n * real_size;
 }
 
 /* Bytes of every peer's values, one after another. */
-static double count_bytes(const mk_division_t *d, const mk_scenario_t *s, mk_stage_t stage, size_t real_size, const int *first, int is_halo, int **count,
+static double count_bytes(const mk_division_t *d, const mk_scenario_t *s, mk_exchange_t stage, size_t real_size, const int *first, int is_halo, int **count,
                           int **place) {
     double total = 0.0;
     *count = mk_allocate((size_t)d->peers + 1, sizeof **count);
@@ -120,12 +120,12 @@ static int divide(mk_team_t *team, const mk_scenario_t *s, size_t real_size, mk_
         spread(team, part, (size_t)s->nodes * sizeof *part);
         mk_division_make(d, s, part, team->ranks, team->rank);
         double totals[2] = {0.0, (double)d->cut_edges / 2.0};
-        for (int stage = 0; stage < MK_STAGES; stage++) {
-            totals[0] += count_bytes(d, s, (mk_stage_t)stage, real_size, d->send_first, 0, &job->send_count[stage], &job->send_place[stage]);
-            (void)count_bytes(d, s, (mk_stage_t)stage, real_size, d->halo_first, 1, &job->receive_count[stage], &job->receive_place[stage]);
+        for (int stage = 0; stage < MK_EXCHANGES; stage++) {
+            totals[0] += count_bytes(d, s, (mk_exchange_t)stage, real_size, d->send_first, 0, &job->send_count[stage], &job->send_place[stage]);
+            (void)count_bytes(d, s, (mk_exchange_t)stage, real_size, d->halo_first, 1, &job->receive_count[stage], &job->receive_place[stage]);
         }
-        (void)MPI_Dist_graph_create_adjacent(MPI_COMM_WORLD, d->peers, d->peer, job->receive_count[MK_STAGE_ESTIMATE], d->peers, d->peer,
-                                             job->send_count[MK_STAGE_ESTIMATE], MPI_INFO_NULL, 0, &job->graph);
+        (void)MPI_Dist_graph_create_adjacent(MPI_COMM_WORLD, d->peers, d->peer, job->receive_count[MK_EXCHANGE_ESTIMATES], d->peers, d->peer,
+                                             job->send_count[MK_EXCHANGE_ESTIMATES], MPI_INFO_NULL, 0, &job->graph);
         (void)MPI_Allreduce(MPI_IN_PLACE, totals, 2, MPI_DOUBLE, MPI_SUM, MPI_COMM_WORLD);
         team->bytes_a_step = totals[0];
         team->cut_edges = (long)totals[1];
@@ -140,7 +140,7 @@ static void release(mk_team_t *team, mk_topology_t *topology) {
     job_t *job = team->context;
     (void)topology;
     (void)MPI_Comm_free(&job->graph);
-    for (int stage = 0; stage < MK_STAGES; stage++) {
+    for (int stage = 0; stage < MK_EXCHANGES; stage++) {
         free(job->send_count[stage]);
         free(job->send_place[stage]);
         free(job->receive_count[stage]);
@@ -151,7 +151,7 @@ static void release(mk_team_t *team, mk_topology_t *topology) {
     mk_division_free(&job->division);
 }
 
-static void begin(mk_team_t *team, mk_stage_t stage, const void *send, void *receive) {
+static void begin(mk_team_t *team, mk_exchange_t stage, const void *send, void *receive) {
     job_t *job = team->context;
     (void)MPI_Ineighbor_alltoallv(send, job->send_count[stage], job->send_place[stage], MPI_BYTE, receive, job->receive_count[stage],
                                   job->receive_place[stage], MPI_BYTE, job->graph, &job->request);

@@ -10,9 +10,6 @@
 #include "design/steady.h"
 #include "file.h"
 
-/* A node that is farther behind starts again: after that many predictions without readings little is left of its estimate. */
-#define MK_CATCH_UP 32
-
 #define MK_BITS 32
 #include <meshkal/real.h>
 #define MK_REAL_SUFFIX "f32"
@@ -31,8 +28,8 @@
 int mk_write_headers(const char *directory, const char *real, const mk_scenario_t *s, const mk_design_t *design, double close,
                      FILE *notes, mk_error_t *error) {
     const mk_topology_t topology = mk_distributed_topology(s);
-    const int digits = s->nodes <= 100 ? 2 : s->nodes <= 1000 ? 3 : 7; /* names sort by number in networks that anyone lists */
-    if (s->nodes > 65536) return mk_fail(error, "%s: %d nodes, but frames have 16 bits for the number of a node", directory, s->nodes);
+    const int digits = mk_node_digits(s->nodes);
+    if (s->nodes > MK_MOST_FRAMED) return mk_fail(error, "%s: %d nodes, but frames have 16 bits for the number of a node", directory, s->nodes);
     if (mkdir(directory, 0777) != 0 && errno != EEXIST) return mk_fail(error, "%s: %s", directory, strerror(errno));
     for (int k = 0; k < s->nodes; k++) {
         char path[4096], name[64];

@@ -15,8 +15,8 @@
 #define HORIZON_MARGIN 100
 
 typedef struct {
-    const char *filter, *steps, *seed, *runs, *real, *loss, *tolerance, *measurements, *truth, *horizon, *out, *json, *threads, *resume, *split,
-        *frozen, *arrivals;
+    const char *filter, *steps, *seed, *runs, *real, *loss, *tolerance, *measurements, *truth, *horizon, *out, *json, *threads, *resume, *split;
+    const char *frozen, *arrivals, *record;
 } arguments_t;
 
 static int read_arguments(int argc, char **argv, int alone, arguments_t *a, const char **path, mk_error_t *error) {
@@ -26,6 +26,7 @@ static int read_arguments(int argc, char **argv, int alone, arguments_t *a, cons
                                    {"horizon", &a->horizon, NULL},     {"out", &a->out, NULL},                   {"json", &a->json, NULL},
                                    {"threads", &a->threads, NULL},     {"resume", &a->resume, NULL},           {"frozen", &a->frozen, NULL},
                                    {"arrivals", &a->arrivals, NULL},
+                                   {"record", &a->record, NULL},
                                    {alone ? NULL : "split", &a->split, NULL}, {NULL, NULL, NULL}};
     return mk_parse_options(argc, argv, options, "the scenario file", path, error);
 }
@@ -69,6 +70,12 @@ static int set_campaign(mk_campaign_t *c, const arguments_t *a, const mk_scenari
     if (a->frozen && c->filter && c->filter->mode == MK_TOLERANCE_SCHEDULE)
         return mk_fail(error, "--frozen: %s has another tolerance at every step, so its gain is not constant", c->filter->name);
     if (!c->filter && a->out) return mk_fail(error, "--out: a log holds one filter; choose one with --filter");
+    if (a->record && (!c->filter || c->filter->central))
+        return mk_fail(error, "--record: records are of nodes; choose one of kfd, rkfdu, rkfdnu, rkfdnu2 with --filter");
+    if (a->record && team->ranks > 1) return mk_fail(error, "--record: one process writes records; leave mpirun away");
+    if (a->record && a->resume) return mk_fail(error, "--resume keeps figures, not records: leave --record away");
+    if (a->record && s->nodes > MK_MOST_FRAMED)
+        return mk_fail(error, "--record: %d nodes, but frames have 16 bits for the number of a node", s->nodes);
     if (s->nodes > UINT16_MAX && (!c->filter || c->filter->central))
         return mk_fail(error, "a centralised filter takes at most %d nodes, not %d", UINT16_MAX, s->nodes);
     return set_shares(c, a, team, error);
@@ -190,6 +197,7 @@ int mk_command_simulate(int argc, char **argv, struct mk_team *given) {
         if (!a.out) mk_scenario_drop_text(&scenario);
         mk_catch_signals();
         c.log_path = a.out;
+        c.record_path = a.record;
         c.keep_path = a.resume;
         c.identity = identity;
         c.progress = team->rank == 0 && isatty(STDERR_FILENO) == 1;

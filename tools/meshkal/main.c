@@ -5,9 +5,9 @@
 
 #include "commands.h"
 
-static const char help[] =
-    "meshkal " MK_VERSION ": design and simulate networks of robust Kalman filters\n"
-    "\n"
+static const char title[] = "meshkal " MK_VERSION ": design and simulate networks of robust Kalman filters\n";
+
+static const char design_help[] =
     "meshkal design SCENARIO.json [options]      local tolerances and steady state of every node\n"
     "    --json FILE          results for programs\n"
     "    --c-header DIR       node_NN.h for every node: constant configuration for firmware\n"
@@ -18,8 +18,9 @@ static const char help[] =
     "    --c-max none|central|all   guaranteed tolerances (default: all up to 200 nodes, else central)\n"
     "    --covariances        P and V of every node into the JSON file, above 10 000 nodes, too\n"
     "    --threads N          (default: all cores)\n"
-    "    --allow-unobservable     go on when a node does not see all states\n"
-    "\n"
+    "    --allow-unobservable     go on when a node does not see all states\n";
+
+static const char simulate_help[] =
     "meshkal simulate SCENARIO.json [options]    run the node code as a network\n"
     "    --filter F           kfc rkfc kfd rkfdu rkfdnu rkfdnu2 (default rkfdnu2), or all\n"
     "    --steps T --seed S --tolerance C         instead of the scenario's\n"
@@ -33,10 +34,12 @@ static const char help[] =
     "    --truth FILE.csv     recorded truth of recorded measurements: columns t,state,value\n"
     "    --horizon T          last step of the least favourable model (default: 100 after the run)\n"
     "    --out FILE           log of the run, CBOR; - is standard output\n"
+    "    --record DIR         a record of every node in the first run, for meshkal replay and for firmware\n"
     "    --json FILE          summary for programs\n"
     "    --threads N          (default: all cores)\n"
-    "    --resume FILE        complete runs are kept there; a later call goes on, also to more runs\n"
-    "\n"
+    "    --resume FILE        complete runs are kept there; a later call goes on, also to more runs\n";
+
+static const char analyze_help[] =
     "meshkal analyze SCENARIO.json [options]     error of every filter when the model errs as badly as c allows, by covariances\n"
     "    --filter F           kfc rkfc kfd rkfdu rkfdnu rkfdnu2 (default rkfdnu2), or all\n"
     "    --truth least-favourable|nominal         (default least-favourable)\n"
@@ -45,34 +48,64 @@ static const char help[] =
     "    --per-step           also tolerances and theta of every step, into the JSON file\n"
     "    --node K             also covariances of node K's error with its neighbours' and RKFC's, into the JSON file\n"
     "    --threads N          (default: all cores; the numbers do not depend on it)\n"
-    "    --json FILE          results for programs\n"
-    "\n"
+    "    --json FILE          results for programs\n";
+
+static const char fit_help[] =
     "meshkal fit SCENARIO.json [options]         the tolerance that logged data ask for, and who is not as the model says\n"
     "    --states FILE.csv    logged true states: columns t,state,value\n"
     "    --measurements FILE.csv  logged readings: columns t,node,row,value\n"
     "    --steps T            the first T steps only\n"
     "    --level L            of intervals and tests (default 0.95)\n"
-    "    --json FILE          results for programs\n"
-    "\n"
+    "    --json FILE          results for programs\n";
+
+static const char scenario_help[] =
     "meshkal scenario projectile [options]       a random draw of the published example, to standard output\n"
     "    --nodes N --seed S   (default 20 nodes, seed 1)\n"
-    "    --density D          mean number of neighbours, the node itself included (default 5)\n"
-    "\n"
-    "Exit status: 0; 1 the work failed; 2 wrong input or arguments, nothing written.\n";
+    "    --density D          mean number of neighbours, the node itself included (default 5)\n";
+
+static const char replay_help[] =
+    "meshkal replay RECORD [options]             run a node again from its record and compare every bit\n"
+    "    --configuration RECORD   whose configuration counts in place of the record's own\n"
+    "    --all                every difference, not the first only\n"
+    "    --json FILE          results for programs\n"
+    "    Exit status: 0 equal, also if its end is cut off; 1 different; 2 not readable; what stands before that is replayed\n";
+
+static const char ending[] = "Exit status: 0; 1 the work failed; 2 wrong input or arguments, nothing written.\n";
+
+/* simulate is here without its team of processes. */
+static int simulate_alone(int argc, char **argv) { return mk_command_simulate(argc, argv, NULL); }
+
+static const struct {
+    const char *name, *help;
+    int (*run)(int argc, char **argv);
+} command[] = {
+    {"design", design_help, mk_command_design},
+    {"simulate", simulate_help, simulate_alone},
+    {"analyze", analyze_help, mk_command_analyze},
+    {"fit", fit_help, mk_command_fit},
+    {"scenario", scenario_help, mk_command_scenario},
+    {"replay", replay_help, mk_command_replay},
+};
+enum { COMMANDS = sizeof command / sizeof command[0] };
 
 static int run(int argc, char **argv) {
     const char *name = argc > 1 ? argv[1] : "";
-    int wants_help = strcmp(name, "help") == 0;
+    int wants_help = strcmp(name, "help") == 0, found = COMMANDS;
     for (int i = 1; i < argc; i++) wants_help |= strcmp(argv[i], "--help") == 0 || strcmp(argv[i], "-h") == 0;
+    for (int i = 0; i < COMMANDS; i++)
+        if (strcmp(name, command[i].name) == 0) found = i;
     if (wants_help || argc < 2) {
-        (void)fputs(help, wants_help ? stdout : stderr);
+        FILE *const to = wants_help ? stdout : stderr;
+        if (found == COMMANDS) (void)fputs(title, to);
+        for (int i = 0; i < COMMANDS; i++) {
+            if (found != i && found != COMMANDS) continue;
+            if (found != i) (void)fputs("\n", to);
+            (void)fputs(command[i].help, to);
+        }
+        (void)fprintf(to, "\n%s", ending);
         return wants_help ? 0 : MK_EXIT_INPUT;
     }
-    if (strcmp(name, "design") == 0) return mk_command_design(argc - 1, argv + 1);
-    if (strcmp(name, "simulate") == 0) return mk_command_simulate(argc - 1, argv + 1, NULL);
-    if (strcmp(name, "analyze") == 0) return mk_command_analyze(argc - 1, argv + 1);
-    if (strcmp(name, "fit") == 0) return mk_command_fit(argc - 1, argv + 1);
-    if (strcmp(name, "scenario") == 0) return mk_command_scenario(argc - 1, argv + 1);
+    if (found < COMMANDS) return command[found].run(argc - 1, argv + 1);
     if (strcmp(name, "--version") == 0) {
         (void)puts("meshkal " MK_VERSION);
         return 0;

@@ -50,6 +50,7 @@ static void MK_F(mk_node_walk)(int n, int m, int slots, const MK_F_T(mk_node_vie
     mk_blob_u16(blob, &core->faults);
     mk_blob_u16(blob, &node->gated);
     mk_blob_u16(blob, &node->gated_steps);
+    mk_blob_u16(blob, &node->left_behind);
     mk_blob_u16(blob, &core->steady);
     mk_blob_u8(blob, &core->frozen);
     mk_blob_u8(blob, &core->stage);
@@ -69,7 +70,7 @@ static int MK_F(mk_node_blob_numbers)(int n, int m, int slots, const MK_F_T(mk_n
 }
 
 static size_t MK_F(mk_node_blob_length)(int n, int m, int slots, const MK_F_T(mk_node_config) * config) {
-    return MK_BLOB_HEADER + 40 + 4 * MK_STATUS_COUNT + 19 + 7 * (size_t)slots + 4 +
+    return MK_BLOB_HEADER + 40 + 4 * MK_STATUS_COUNT + 21 + 7 * (size_t)slots + 4 +
            sizeof(MK_REAL) * (size_t)MK_F(mk_node_blob_numbers)(n, m, slots, config);
 }
 
@@ -104,11 +105,16 @@ static mk_status_t MK_F(mk_node_blob_check)(int n, int m, int slots, const MK_F_
     MK_F(mk_blob_numbers)(&blob, MK_AT(n, 0), W);
     if (!MK_F(mk_all_finite)(MK_AT(n, 0), W)) return MK_ERROR_NOT_FINITE;
     if (!MK_F(mk_positive_definite)(n, W, W + MK_AT(n, 0))) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    const int single = MK_AT(n, 0) + n + slots * (m + n), models = single + 4;
+    MK_REAL trace = MK_R(0.0);
     for (int i = MK_AT(n, 0); i < MK_F(mk_node_blob_numbers)(n, m, slots, config); i++) {
         MK_F(mk_blob_numbers)(&blob, 1, work);
         if (!MK_F(mk_all_finite)(1, work)) return MK_ERROR_NOT_FINITE;
         /* The first of the four single numbers is the tolerance. */
-        if (i == MK_AT(n, 0) + n + slots * (m + n) && !(work[0] >= MK_R(0.0))) return MK_ERROR_TOLERANCE;
+        if (i == single && !(work[0] >= MK_R(0.0))) return MK_ERROR_TOLERANCE;
+        if (i < models) continue;
+        trace = ((i - models) % (m * n) ? trace : MK_R(0.0)) + work[0] * work[0];
+        if (!MK_F(mk_node_plausible)(config->foreign, trace)) return MK_ERROR_IMPLAUSIBLE;
     }
     const uint8_t *const flags = bytes + end - 3 * slots, stage = flags[-2];
     if (stage < 1 || stage > 2) return MK_ERROR_ARGUMENT;

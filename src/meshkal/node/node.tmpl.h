@@ -16,8 +16,8 @@ static mk_status_t MK_F(mk_node_check)(int slots, const MK_F_T(mk_node_config) *
             if (!(gate->reading[l] >= MK_R(0.0) && gate->reading[l] <= MK_LARGEST)) return MK_ERROR_ARGUMENT;
     }
     const MK_F_T(mk_node_foreign) *const foreign = config->foreign;
-    if (foreign && config->filter.steady) return MK_ERROR_ARGUMENT; /* a gain of sensors that may change */
-    if (foreign && (!foreign->slot || foreign->slot[0] || foreign->C != config->filter.C || foreign->F != config->filter.F ||
+    /* A steady gain is one of models that stay. */
+    if (foreign && (config->filter.steady || !foreign->slot || foreign->slot[0] || foreign->C != config->filter.C || foreign->F != config->filter.F ||
                     foreign->S != config->filter.S || foreign->R_inverse != config->filter.R_inverse || !(foreign->limit >= MK_R(0.0))))
         return MK_ERROR_ARGUMENT;
     return MK_OK;
@@ -67,12 +67,17 @@ mk_status_t MK_F(mk_node_measure)(int n, int m, const MK_F_T(mk_node_view) * vie
     return status;
 }
 
+/* Is this trace of S one that is believed? */
+static int MK_F(mk_node_plausible)(const MK_F_T(mk_node_foreign) * foreign, MK_REAL trace) {
+    return trace <= MK_LARGEST && !(foreign->limit > MK_R(0.0) && trace > foreign->limit);
+}
+
 /* The model of a foreign neighbour into the filter's arrays, so that it is like any other: R = I, F = C' = G', S = G'G. */
 static mk_status_t MK_F(mk_node_put_model)(int n, int m, const MK_F_T(mk_node_foreign) * foreign, int slot, int rows, const MK_REAL *G) {
     const int packed = MK_AT(n, 0);
     MK_REAL trace = MK_R(0.0);
     for (int i = 0; i < rows * n; i++) trace += G[i] * G[i];
-    if (!(trace <= MK_LARGEST) || (foreign->limit > MK_R(0.0) && trace > foreign->limit)) return MK_ERROR_IMPLAUSIBLE;
+    if (!MK_F(mk_node_plausible)(foreign, trace)) return MK_ERROR_IMPLAUSIBLE;
     MK_REAL *const C = foreign->C + slot * m * n, *const F = foreign->F + slot * m * n, *const S = foreign->S + slot * packed;
     for (int i = 0; i < m * n; i++) C[i] = F[i] = i < rows * n ? G[i] : MK_R(0.0);
     for (int i = 0; i < n; i++)
@@ -104,8 +109,8 @@ static mk_status_t MK_F(mk_node_use)(int n, int m, const MK_F_T(mk_node_view) * 
                        : difference < 0x80000000u ? 2
                                                 : -1;
     if (stages >= 2) {
-        /* An estimate ends a step: when this node ends its own, that neighbour is about to begin the next. */
-        const uint32_t next = frame->step + !reading;
+        /* Where that neighbour will be when this node ends its step: a step farther, unless it began one only after this node's stage 1. */
+        const uint32_t next = frame->step + !(reading && filter->core->stage == 2);
         if (view->seen[slot] != 2 || next - view->heard[slot] < 0x80000000u) view->heard[slot] = next;
         view->seen[slot] = 2;
         return MK_ERROR_AHEAD;
@@ -168,6 +173,7 @@ mk_status_t MK_F(mk_node_accept_recorded)(int n, int m, int slots, const MK_F_T(
     mk_frame_t frame;
     if (!view->node->config) return MK_ERROR_ORDER;
     mk_status_t status = mk_frame_parse(content, length, &frame);
+    if (status == MK_OK && frame.model != view->node->config->model) status = MK_ERROR_MODEL;
     const int slot = status == MK_OK ? MK_F(mk_node_slot)(slots, view->node->config, frame.node) : 0;
     if (status == MK_OK) status = slot ? MK_F(mk_node_use)(n, m, view, &frame, slot) : MK_ERROR_STRANGER;
     view->node->counts[status]++;
@@ -229,10 +235,12 @@ size_t MK_F(mk_node_frame)(int n, int m, const MK_F_T(mk_node_view) * view, int 
     frame.numbers = config->numbers;
     frame.sealed = node->secure != 0;
     frame.length = (uint16_t)MK_NUMBERS_BYTES(config->numbers, count);
+    mk_secure_t *const secure = node->secure;
     size_t length = 0;
-    if (MK_F(mk_numbers_put)(config->numbers, count, values, mk_frame_payload(bytes, frame.sealed)) == MK_OK)
+    if (!(secure && secure->sequence == UINT64_MAX) &&
+        MK_F(mk_numbers_put)(config->numbers, count, values, mk_frame_payload(bytes, frame.sealed)) == MK_OK)
         /* The sequence number is used up even if the seal fails. */
-        length = mk_frame_write(&frame, bytes, node->secure ? node->secure->aead : 0, node->secure ? node->secure->sequence++ : 0);
+        length = mk_frame_write(&frame, bytes, secure ? secure->aead : 0, secure ? secure->sequence++ : 0);
     if (length == 0) node->unsent++;
     return length;
 }

@@ -55,13 +55,14 @@ static void mk_note_frame(mk_recorder_t *recorder, mk_status_t status, const uin
     mk_item_end(recorder);
 }
 
-/* A frame of a record: header and payload, nothing else. */
+/* A frame of a record: header and payload, nothing else; plain, however it came. */
 static mk_status_t mk_frame_parse(const uint8_t *content, size_t length, mk_frame_t *frame) {
     if (!content || length < MK_FRAME_HEADER || length - MK_FRAME_HEADER > UINT16_MAX) return MK_ERROR_LENGTH;
+    if (content[0] != MK_FRAME_VERSION) return MK_ERROR_VERSION;
     const mk_status_t status = mk_frame_header(content, frame);
     frame->length = (uint16_t)(length - MK_FRAME_HEADER);
     frame->payload = content + MK_FRAME_HEADER;
-    return status;
+    return status == MK_OK && frame->sealed ? MK_ERROR_TYPE : status;
 }
 
 #endif

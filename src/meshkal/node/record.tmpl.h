@@ -44,12 +44,11 @@ void MK_F(mk_node_note)(int n, const MK_F_T(mk_node_view) * view, int kind, mk_s
 static mk_status_t MK_F(mk_note_configuration)(const MK_F_T(mk_node_config) * config, mk_recorder_t *recorder) {
     const MK_F_T(mk_rkfd_config) *const c = &config->filter;
     const int n = c->n, m = c->m, slots = c->slots, packed = MK_AT(n, 0);
-    const int gate = config->gate ? slots + 1 : 0, foreign = config->foreign != 0;
     const MK_F_T(mk_rkfd_steady) *const steady = c->steady;
-    const int numbers = n * n + 2 * packed + (c->input ? 2 : 1) * n + slots * (1 + 2 * m * n + packed + MK_AT(m, 0)) + 1 + gate + foreign +
-                        (steady ? n * n + slots * m * n + packed + 4 : 0);
-    const size_t start = 18 + 4 * (size_t)slots;
-    uint8_t *at = mk_item_begin(recorder, MK_ITEM_CONFIGURATION, MK_OK, start + (size_t)numbers * sizeof *c->A);
+    const int gate = config->gate ? slots + 1 : 0, foreign = config->foreign != 0, limit = steady ? n * n + slots * m * n + packed + 3 : 0;
+    const int numbers = n * n + 2 * packed + (c->input ? 2 : 1) * n + slots * (1 + 2 * m * n + packed + MK_AT(m, 0)) + 1 + gate + foreign + limit;
+    const size_t others = 18 + 4 * (size_t)slots + (steady ? 2 : 0);
+    uint8_t *at = mk_item_begin(recorder, MK_ITEM_CONFIGURATION, MK_OK, others + (size_t)numbers * sizeof *c->A);
     if (!at) return MK_ERROR_LENGTH;
     mk_put_u16(at, c->n);
     mk_put_u16(at + 2, c->m);
@@ -81,11 +80,11 @@ static mk_status_t MK_F(mk_note_configuration)(const MK_F_T(mk_node_config) * co
     if (gate) at = MK_F(mk_put_numbers)(MK_F(mk_put_numbers)(at, slots, config->gate->reading), 1, &config->gate->estimate);
     if (foreign) at = MK_F(mk_put_numbers)(at, 1, &config->foreign->limit);
     if (steady) {
-        const MK_REAL rest[] = {steady->theta, steady->trace_P, steady->close, (MK_REAL)steady->period};
+        const MK_REAL single[3] = {steady->theta, steady->trace_P, steady->close};
         at = MK_F(mk_put_numbers)(at, n * n, steady->Phi);
         at = MK_F(mk_put_numbers)(at, slots * m * n, steady->G);
         at = MK_F(mk_put_numbers)(at, packed, steady->W);
-        (void)MK_F(mk_put_numbers)(at, 4, rest);
+        mk_put_u16(MK_F(mk_put_numbers)(at, 3, single), steady->period);
     }
     mk_item_end(recorder);
     return MK_OK;

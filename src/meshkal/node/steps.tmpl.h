@@ -16,8 +16,8 @@ void MK_F(mk_node_judge_readings)(int n, int m, int slots, const MK_F_T(mk_node_
     MK_F_T(mk_node) *const node = view->node;
     const MK_F_T(mk_rkfd_view) *const filter = &view->filter;
     const MK_F_T(mk_node_gate) *const gate = node->config->gate;
-    node->gated = 0;
     if (filter->core->stage != 1) return;
+    node->gated = 0;
     int judged = 0, refused = 0;
     for (int l = 0; l < slots; l++) {
         if (!filter->have_y[l] || !(gate->reading[l] > MK_R(0.0)) || filter->core->config->rows[l] == 0) continue;
@@ -75,7 +75,32 @@ void MK_F(mk_node_end_step)(int slots, const MK_F_T(mk_node_view) * view) {
         }
         view->seen[l] = 0;
     }
-    node->behind = 2 * ahead > heard ? least : 0;
+    if (ahead > 0) node->left_behind++;
+    else if (heard > 0) node->left_behind = 0;
+    node->behind = ahead > 0 && (2 * ahead >= heard || node->left_behind >= MK_NODE_LEFT_BEHIND) ? least : 0;
+}
+
+int MK_F(mk_node_recover)(int n, int slots, const MK_F_T(mk_node_view) * view, mk_status_t status, const MK_REAL *input, int attempt) {
+    MK_F_T(mk_node) *const node = view->node;
+    const MK_F_T(mk_rkfd_view) *const filter = &view->filter;
+    if (status != MK_ERROR_NOT_POSITIVE_DEFINITE && status != MK_ERROR_NOT_FINITE && status != MK_ERROR_TOLERANCE) return 0;
+    if (input && !MK_F(mk_all_finite)(n, input)) return 0; /* the caller's error */
+    const MK_F_T(mk_rkfd_config) *const config = &node->config->filter;
+    if (MK_F(mk_invert)(n, config->P0, filter->W, filter->work) != MK_OK) return 0;
+    for (int i = 0; i < n && attempt > 0; i++) filter->x[i] = config->x0[i];
+    for (int l = 0; l < slots; l++) filter->have_y[l] = 0;
+    filter->core->steady = 0;
+    if (attempt == 0) node->reinitialised++;
+    return 1;
+}
+
+int MK_F(mk_node_drop_estimates)(int slots, const MK_F_T(mk_node_view) * view, mk_status_t status) {
+    if (status != MK_ERROR_NOT_FINITE) return 0;
+    for (int l = 1; l < slots; l++) {
+        view->node->counts[MK_ERROR_IMPLAUSIBLE] += view->filter.have_psi[l] != 0;
+        view->filter.have_psi[l] = 0;
+    }
+    return 1;
 }
 
 mk_status_t MK_F(mk_node_begin_advance)(int n, int slots, const MK_F_T(mk_node_view) * view, uint32_t step) {
@@ -84,6 +109,7 @@ mk_status_t MK_F(mk_node_begin_advance)(int n, int slots, const MK_F_T(mk_node_v
     const uint32_t steps = step - node->step;
     if (steps == 0 || steps >= 0x80000000u) return MK_ERROR_ARGUMENT;
     node->behind = 0;
+    node->left_behind = 0;
     if (steps <= node->config->catch_up) {
         node->caught_up += steps;
         return MK_OK;
@@ -99,12 +125,16 @@ mk_status_t MK_F(mk_node_begin_advance)(int n, int slots, const MK_F_T(mk_node_v
 
 static mk_status_t MK_F(mk_node_run_incremental)(int n, int m, int slots, const MK_F_T(mk_node_view) * view, const MK_REAL *input) {
     if (view->node->config && view->node->config->gate) MK_F(mk_node_judge_readings)(n, m, slots, view);
-    return MK_F(mk_rkfd_incremental)(n, m, slots, &view->filter, input);
+    mk_status_t status = MK_F(mk_rkfd_incremental)(n, m, slots, &view->filter, input);
+    for (int attempt = 0; attempt < 2 && status != MK_OK && MK_F(mk_node_recover)(n, slots, view, status, input, attempt); attempt++)
+        status = MK_F(mk_rkfd_incremental)(n, m, slots, &view->filter, input);
+    return status;
 }
 
 static mk_status_t MK_F(mk_node_run_diffuse)(int n, int slots, const MK_F_T(mk_node_view) * view) {
     if (view->node->config && view->node->config->gate) MK_F(mk_node_judge_estimates)(n, slots, view);
-    const mk_status_t status = MK_F(mk_rkfd_diffuse)(n, slots, &view->filter);
+    mk_status_t status = MK_F(mk_rkfd_diffuse)(n, slots, &view->filter);
+    if (status != MK_OK && MK_F(mk_node_drop_estimates)(slots, view, status)) status = MK_F(mk_rkfd_diffuse)(n, slots, &view->filter);
     if (status == MK_OK) MK_F(mk_node_end_step)(slots, view);
     return status;
 }

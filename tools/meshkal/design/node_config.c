@@ -31,6 +31,15 @@ void mk_central_free(mk_topology_t *topology) {
     free(block);
 }
 
+int mk_node_digits(int nodes) { return nodes <= 100 ? 2 : nodes <= 1000 ? 3 : 7; }
+
+uint32_t mk_scenario_model(const mk_scenario_t *s) {
+    char text[9];
+    memcpy(text, s->sha256, 8);
+    text[8] = 0;
+    return (uint32_t)strtoul(text, NULL, 16);
+}
+
 int mk_topology_rows(const mk_topology_t *topology, const mk_scenario_t *s, int e) {
     int most = 1;
     for (int i = topology->first[e]; i < topology->first[e + 1]; i++)

@@ -7,6 +7,18 @@
 
 #include "scenario.h"
 
+/* A node that is farther behind starts again: after that many predictions without readings little is left of its estimate. */
+#define MK_CATCH_UP 32
+
+/* Nodes of the largest network that can exchange frames: they have 16 bits for the number of a node. */
+#define MK_MOST_FRAMED 65536
+
+/* Digits of a node's number in the name of a file, so that names sort by number in networks that anyone lists. */
+int mk_node_digits(int nodes);
+
+/* What frames name the model by: the first 32 bits of the scenario's hash. */
+uint32_t mk_scenario_model(const mk_scenario_t *scenario);
+
 /* Who listens to whom: slots of estimator e are slot[first[e]] .. slot[first[e + 1] - 1], numbers of nodes. A network may be kept in parts:
    then id names the estimators of this part, those that hear only their like first. */
 typedef struct {

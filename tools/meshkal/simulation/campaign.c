@@ -32,6 +32,7 @@ typedef struct {
     mk_runner_t *runner;
     outcome_t *outcome;
     mk_record_t *record; /* one for each outcome */
+    mk_node_records_t *records;
     mk_run_log_t *part;  /* logs of runs that wait for those before them; null if none does */
     /* rank 0 */
     mk_run_log_t log;
@@ -161,16 +162,24 @@ static int open_log(mk_running_t *r, mk_error_t *error) {
     if (c->log_path && r->team->rank == 0) {
         const mk_run_facts_t facts = {c->filter->name, c->network->name, r->source->truth == MK_TRUTH_RECORDED ? "recorded" : "drawn",
                                       mk_truth_name(r->source->truth), c->seed, c->runs, c->steps, c->filter->central ? 1 : s->nodes, c->loss,
-                                      c->filter->central ? r->topology.first : s->first, c->filter->central ? r->topology.slot : s->slot};
+                                      c->filter->central ? r->topology.first : s->first, c->filter->central ? r->topology.slot : s->slot, NULL};
         good = mk_log_open(&r->log, c->log_path, error);
         if (good) mk_log_header(&r->log, s, &facts);
     }
     return r->team->agree(r->team, good, error);
 }
 
+static int open_records(mk_running_t *r, mk_error_t *error) {
+    const mk_campaign_t *c = r->c;
+    if (!c->record_path) return 1;
+    r->records = mk_node_records_open(c, &r->topology, r->tolerance, c->threads / r->workers, error);
+    for (int i = 0; i < r->workers; i++) r->runner[i].records = r->records;
+    return r->records != NULL;
+}
+
 /* The work and its files, once everything that can be refused is known to be good. */
 static int run_logged(mk_running_t *r, mk_error_t *error) {
-    if (!take_kept(r, error) || !open_log(r, error)) return MK_EXIT_INPUT;
+    if (!open_records(r, error) || !take_kept(r, error) || !open_log(r, error)) return MK_EXIT_INPUT;
     const double from = mk_seconds();
     run_all(r);
     r->result->seconds = mk_seconds() - from;
@@ -180,6 +189,12 @@ static int run_logged(mk_running_t *r, mk_error_t *error) {
         mk_error_t log_error;
         const int written = mk_log_close(&r->log, !good ? "failed" : r->result->interrupted ? "interrupted" : "complete", &log_error);
         if (good && !written) *error = log_error;
+        good = good && written;
+    }
+    if (r->records) {
+        mk_error_t records_error;
+        const int written = mk_node_records_close(r->records, &records_error);
+        if (good && !written) *error = records_error;
         good = good && written;
     }
     return r->team->agree(r->team, good, error) ? 0 : MK_EXIT_FAILED;

@@ -23,6 +23,7 @@ typedef struct {
     double tolerance;     /* c of the design */
     double frozen;        /* nodes of constant tolerance freeze their gain this close to its limit; 0: they do not */
     const char *log_path; /* null: no log; "-": standard output */
+    const char *record_path; /* directory for records of the nodes in the first run, one process; null: none */
     const char *keep_path, *identity; /* file of kept runs, null: none; what decides the numbers of a run but the filter */
     int progress;         /* show a bar on standard error */
 } mk_campaign_t;

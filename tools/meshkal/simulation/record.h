@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /* What a run leaves behind, and the figures of many runs. */
-#ifndef MESHKAL_RECORD_H
-#define MESHKAL_RECORD_H
+#ifndef MESHKAL_SIMULATION_RECORD_H
+#define MESHKAL_SIMULATION_RECORD_H
 
 #include <stddef.h>
 

@@ -225,7 +225,7 @@ static void begin_readings(mk_runner_t *r) {
         memcpy(next, r->stream.y + first[k], bytes);
         next += bytes;
     }
-    r->team->begin(r->team, MK_STAGE_MEASUREMENT, r->send, r->receive);
+    r->team->begin(r->team, MK_EXCHANGE_READINGS, r->send, r->receive);
 }
 
 static void finish_readings(mk_runner_t *r) {
@@ -241,7 +241,7 @@ static void finish_readings(mk_runner_t *r) {
 }
 
 /* What can fail in a step, in the order in which it is done. */
-typedef enum { PHASE_START, PHASE_TOLERANCE, PHASE_INCREMENTAL, PHASE_DIFFUSE, PHASE_LOG, PHASES } phase_t;
+typedef enum { PHASE_START, PHASE_TOLERANCE, PHASE_INCREMENTAL, PHASE_DIFFUSE, PHASE_RECORD, PHASE_LOG, PHASES } phase_t;
 
 /* Keeps the failure of the lowest step, phase and node, with its text: the one that a single process meets. 1 if it is the first so far. */
 static int is_first(mk_runner_t *r, int t, phase_t phase, int node) {
@@ -259,6 +259,18 @@ static int check(mk_runner_t *r, int run, int t, phase_t phase, mk_status_t stat
         (void)mk_fail(error, "run %d, step %d, %s %d: %s%s", run, t, r->c->filter->central ? "central filter" : "node", node, mk_status_name(status),
                       status == MK_ERROR_NOT_POSITIVE_DEFINITE ? ": its covariance has grown beyond this precision; does it observe all states?" : "");
     return 0;
+}
+
+/* The node objects do what the network has just done: stage 1, then stage 2. good: it went well. */
+static void record_stage(mk_runner_t *r, int t, mk_exchange_t stage, int good, mk_error_t *error) {
+    const double *schedule = r->schedule ? r->schedule + (size_t)t * (size_t)r->topology->estimators : NULL;
+    mk_error_t trouble;
+    int bad = 0;
+    const int recorded = stage == MK_EXCHANGE_READINGS
+                             ? mk_node_records_incremental(r->records, t, schedule, r->stream.y, r->source->row_first, r->y_arrived, r->net, good, &bad,
+                                                           &trouble)
+                             : mk_node_records_diffuse(r->records, t, r->psi_arrived, r->net, good, &bad, &trouble);
+    if (!recorded && is_first(r, t, PHASE_RECORD, bad)) *error = trouble;
 }
 
 /* Both exchanges and both halves of a step. A part in which a node has failed goes on exchanging what it has, so that no other part waits. */
@@ -287,8 +299,10 @@ static void step_network(mk_runner_t *r, int run, int t, mk_error_t *error) {
         status = network->incremental(r->net, inner, E, y, rows, r->y_arrived, bad);
         good = check(r, run, t, PHASE_INCREMENTAL, status, error) && good;
     }
+    const int records = r->records && run == 0 && begun;
+    if (records) record_stage(r, t, MK_EXCHANGE_READINGS, good, error);
     network->intermediate(r->net, topology->send_estimator, topology->sends, r->send);
-    r->team->begin(r->team, MK_STAGE_ESTIMATE, r->send, r->receive);
+    r->team->begin(r->team, MK_EXCHANGE_ESTIMATES, r->send, r->receive);
     if (good) {
         status = network->diffuse(r->net, 0, inner, psi_arrived, NULL, bad);
         (void)check(r, run, t, PHASE_DIFFUSE, status, error);
@@ -297,6 +311,7 @@ static void step_network(mk_runner_t *r, int run, int t, mk_error_t *error) {
     if (good) {
         status = network->diffuse(r->net, inner, E, psi_arrived, r->receive, bad);
         (void)check(r, run, t, PHASE_DIFFUSE, status, error);
+        if (records) record_stage(r, t, MK_EXCHANGE_ESTIMATES, r->failed < 0, error);
     }
 }
 

@@ -4,6 +4,7 @@
 #define MESHKAL_RUNNER_H
 
 #include "simulation/campaign.h"
+#include "simulation/node_records.h"
 
 typedef enum { MK_RUN_NONE, MK_RUN_DONE, MK_RUN_STOPPED, MK_RUN_FAILED } mk_run_state_t;
 
@@ -13,6 +14,7 @@ typedef struct {
     mk_team_t *team;               /* that shares this network */
     const mk_topology_t *topology; /* of the part that this process holds */
     int total;                     /* estimators of all parts */
+    mk_node_records_t *records;    /* of the first run; null: none */
     const double *schedule;        /* tolerances of each step, estimators of the part; null: as they were given */
     mk_stream_t stream;
     void *net;

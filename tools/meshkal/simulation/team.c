@@ -59,7 +59,7 @@ static void sum(mk_team_t *team, mk_exact_t *sums, size_t count) {
     (void)count;
 }
 
-static void begin(mk_team_t *team, mk_stage_t stage, const void *send, void *receive) {
+static void begin(mk_team_t *team, mk_exchange_t stage, const void *send, void *receive) {
     (void)team;
     (void)stage;
     (void)send;

@@ -7,7 +7,7 @@
 #include "design/node_config.h"
 #include "exact_sum.h"
 
-typedef enum { MK_STAGE_MEASUREMENT, MK_STAGE_ESTIMATE, MK_STAGES } mk_stage_t;
+typedef enum { MK_EXCHANGE_READINGS, MK_EXCHANGE_ESTIMATES, MK_EXCHANGES } mk_exchange_t;
 
 /* Every function is called by all processes of the team together. */
 typedef struct mk_team mk_team_t;
@@ -30,7 +30,7 @@ struct mk_team {
     void (*sum)(mk_team_t *team, mk_exact_t *sums, size_t count);
     /* Begins to exchange the values of topology.send, one after another, for those of topology.halo: rows as doubles, or psi. Neither buffer
        is touched until finish has returned. */
-    void (*begin)(mk_team_t *team, mk_stage_t stage, const void *send, void *receive);
+    void (*begin)(mk_team_t *team, mk_exchange_t stage, const void *send, void *receive);
     void (*finish)(mk_team_t *team);
     /* Values of all estimators of all parts, in the order of their numbers, on rank 0. Estimator e has (first ? first[e + 1] - first[e] : 1)
        elements of `width` bytes; `local` holds those of this part in its order; `all` may be null on other ranks. */

@@ -5,13 +5,14 @@ import argparse
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
 import rerun as rr
 
 from .blueprint import blueprint
+from .joined import JoinedReader
 from .output import recording_file
 from .reader import LogError, LogReader
 from .recording import Recorder, recording_id
@@ -24,27 +25,46 @@ EXIT_INTERRUPTED = 130
 
 def main(arguments: list[str] | None = None) -> int:
     options = _options(arguments)
+    shown = options.log[0] if len(options.log) == 1 else "joined logs"
     # Without it, rerun only warns about what it could not record, and the file would lack data.
     rr.set_strict_mode(True)
     try:
-        with _signals(options.log == "-"), _open(options.log) as stream:
-            remarks = convert(stream, Path(options.output), options.run)
+        with _signals("-" in options.log), ExitStack() as streams:
+            opened = {name: streams.enter_context(_open(name)) for name in options.log}
+            if len(options.log) == 1:
+                remarks = convert(opened[options.log[0]], Path(options.output), options.run)
+            else:
+                remarks = convert_joined(opened, Path(options.output), options.run)
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except LogError as error:
-        print(f"{PROGRAM}: {options.log}: {error}", file=sys.stderr)
+        print(f"{PROGRAM}: {shown}: {error}", file=sys.stderr)
         return EXIT_BAD
     except OSError as error:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return EXIT_BAD
     for remark in remarks:
-        print(f"{PROGRAM}: {options.log}: warning: {remark}", file=sys.stderr)
+        print(f"{PROGRAM}: {shown}: warning: {remark}", file=sys.stderr)
     return 0
 
 
 def convert(stream: BinaryIO, output: Path, run: int) -> list[str]:
     """Writes the recording of one run and returns warnings for the user. Raises LogError or OSError and leaves `output` alone."""
-    reader = LogReader(stream)
+    return _convert(LogReader(stream), output, run)
+
+
+def convert_joined(streams: dict[str, BinaryIO], output: Path, run: int) -> list[str]:
+    """The same of the logs of several nodes of a network, by their names."""
+    readers = {}
+    for name, stream in streams.items():
+        try:
+            readers[name] = LogReader(stream)
+        except LogError as error:
+            raise LogError(f"{name}: {error}") from None
+    return _convert(JoinedReader(readers), output, run)
+
+
+def _convert(reader: LogReader, output: Path, run: int) -> list[str]:
     scenario = parse_scenario(reader.header)
     batches = reader.batches(run)
     first = next(batches, None)
@@ -62,7 +82,7 @@ def convert(stream: BinaryIO, output: Path, run: int) -> list[str]:
 
 def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog=PROGRAM, description="Turns a Meshkal run log into a rerun recording (.rrd).")
-    parser.add_argument("log", help="the log, or - for standard input")
+    parser.add_argument("log", nargs="+", help="the log, or - for standard input; several: those of nodes of one network, as meshkal-node writes them")
     parser.add_argument("-o", "--output", required=True, metavar="RUN.rrd", help="the recording to write")
     parser.add_argument("--run", type=_run_number, default=0, metavar="K", help="which Monte Carlo run (default: 0)")
     return parser.parse_args(arguments)

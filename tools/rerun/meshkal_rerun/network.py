@@ -28,6 +28,7 @@ class NetworkGraph:
         self._values: list[np.ndarray] = []
         self._central = header.central
         self._nodes = header.nodes
+        self._estimator_nodes = list(header.estimator_nodes)
         self._names = [str(k) for k in range(header.nodes)] + (["centre"] if header.central else [])
         edges, directed = graph_edges(header)
         positions = graph_positions(scenario.node_positions_m, header)
@@ -73,6 +74,10 @@ class NetworkGraph:
         if self._central:
             sensors = np.full((len(painted), self._nodes), colours.REFERENCE, dtype=np.uint32)
             painted = np.concatenate([sensors, painted], axis=1)
+        elif len(self._estimator_nodes) < self._nodes:
+            every = np.full((len(painted), self._nodes), colours.REFERENCE, dtype=np.uint32)
+            every[:, self._estimator_nodes] = painted
+            painted = every
         self._rec.send_columns(NODES, times, rr.GraphNodes.columns(colors=painted.reshape(-1)).partition(each))
 
 
@@ -84,7 +89,9 @@ def graph_edges(header: Header) -> tuple[list[tuple[int, int]], bool]:
     """Pairs (from, to), and whether their direction matters. The slots say who listens; a central filter is a star."""
     if header.central:
         return [(k, header.nodes) for k in header.slots[0]], False
-    heard = {(j, k) for k, slots in enumerate(header.slots) for j in slots if j != k}
+    heard = {(j, k) for k, slots in zip(header.estimator_nodes, header.slots) for j in slots if j != k}
+    if len(header.estimator_nodes) < header.nodes:
+        return sorted({(min(j, k), max(j, k)) for j, k in heard}), False
     if all((k, j) in heard for j, k in heard):
         return sorted((j, k) for j, k in heard if j < k), False
     return sorted(heard), True

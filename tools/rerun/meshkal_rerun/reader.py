@@ -50,6 +50,7 @@ class Header:
     estimators: int
     rows: tuple[int, ...]
     slots: tuple[tuple[int, ...], ...]
+    estimator_nodes: tuple[int, ...]  # node of each estimator; of a centre none
 
     @property
     def central(self) -> bool:
@@ -152,6 +153,8 @@ class LogReader:
             if "end" in item:
                 self._finish(item, count, where)
                 return
+            if item.get("format") == FORMAT and item.get("scenario_sha256") == self.header.scenario_sha256:
+                continue  # a live stream repeats its header for readers that come later
             for key in ("run", "step"):
                 if not _is_unsigned(item.get(key)):
                     raise LogError(f"{where}: {key} is missing or not an unsigned number")
@@ -221,8 +224,14 @@ def _header(item: object) -> Header:
     nodes = take("nodes", positive)
     estimators = take("estimators", positive)
     filter_name = take("filter", one_of(*FILTERS))
-    if estimators != (1 if filter_name in CENTRAL_FILTERS else nodes):
+    central = filter_name in CENTRAL_FILTERS
+    some = "estimator_nodes" in item and not central
+    if not some and estimators != (1 if central else nodes):
         raise LogError(f"header: {estimators} estimators do not fit filter {filter_name} with {nodes} nodes")
+
+    def estimator_nodes_valid(value: object) -> bool:
+        valid = isinstance(value, list) and len(value) == estimators and all(_is_unsigned(k) and k < nodes for k in value)
+        return valid and all(i < j for i, j in zip(value, value[1:]))
 
     def rows_valid(value: object) -> bool:
         return isinstance(value, list) and len(value) == nodes and all(map(_is_unsigned, value))
@@ -240,7 +249,7 @@ def _header(item: object) -> Header:
         scenario_sha256=take("scenario_sha256", text),
         filter=filter_name,
         real=take("real", one_of("float64", "float32")),
-        source=take("source", one_of("drawn", "recorded")),
+        source=take("source", one_of("drawn", "recorded", "live")),
         seed=take("seed", lambda value: isinstance(value, int)),
         runs=take("runs", positive),
         steps=take("steps", _is_unsigned),
@@ -252,6 +261,7 @@ def _header(item: object) -> Header:
         estimators=estimators,
         rows=tuple(take("rows", rows_valid)),
         slots=tuple(tuple(s) for s in take("slots", slots_valid)),
+        estimator_nodes=tuple(take("estimator_nodes", estimator_nodes_valid)) if some else () if central else tuple(range(nodes)),
     )
 
 

@@ -33,16 +33,18 @@ _SUMMARY_STYLE = {
 def recording_id(header: Header, run: int) -> str:
     """The same run gives the same id. The viewer merges recordings of equal id, so everything that makes a run differ is in it."""
     rest = (header.program, header.real, header.source, header.steps, header.loss, header.dt_s)
+    if header.estimator_nodes != tuple(range(header.nodes)) and not header.central:
+        rest += header.estimator_nodes
     digest = hashlib.sha256(repr(rest).encode()).hexdigest()[:8]
     return f"{header.scenario_sha256[:16]}-{header.filter}-seed{header.seed}-run{run}-{digest}"
 
 
 def estimator_path(header: Header, k: int) -> str:
-    return "centre" if header.central else f"node/{k}"
+    return "centre" if header.central else f"node/{header.estimator_nodes[k]}"
 
 
 def estimator_names(header: Header) -> list[str]:
-    return ["centre"] if header.central else [f"node {k}" for k in range(header.nodes)]
+    return ["centre"] if header.central else [f"node {k}" for k in header.estimator_nodes]
 
 
 class Recorder:
@@ -52,7 +54,8 @@ class Recorder:
         self._rec = rec
         self._header = header
         self._names = estimator_names(header)
-        self._colours = colours.node_colours(header.estimators)
+        each = colours.node_colours(header.nodes)
+        self._colours = colours.node_colours(1) if header.central else each[list(header.estimator_nodes)]
         self._styled: set[str] = set()
         self._last_faults = np.zeros(header.estimators, dtype=np.uint32)
         self._scene = Scene(rec, header, scenario, self._names, self._colours) if scenario.position_states else None

@@ -39,7 +39,7 @@ class Scene:
             static=True,
         )
         if not header.central:
-            links = sorted({(min(k, j), max(k, j)) for k, slots in enumerate(header.slots) for j in slots if j != k})
+            links = sorted({(min(k, j), max(k, j)) for k, slots in zip(header.estimator_nodes, header.slots) for j in slots if j != k})
             strips = [positions[list(link)] for link in links]
             self._rec.log("scene/links", rr.LineStrips3D(strips, colors=colours.LINK, radii=-0.5), static=True)
 

@@ -88,17 +88,18 @@ class Summary:
 
     def _facts(self) -> list[tuple[str, str]]:
         header, scenario = self._header, self._scenario
+        live = header.source == "live"
         links = sum(len(s) for s in header.slots) - header.estimators
         rows = [
             ("nodes", str(header.nodes)),
-            ("estimators", f"{header.estimators} (central)" if header.central else f"{header.estimators} (one a node)"),
+            ("estimators", self._estimators()),
             ("states", str(header.states)),
             ("measured rows", str(sum(header.rows))),
-            ("neighbours a node, mean", "" if header.central else f"{links / header.nodes:.1f}"),
+            ("neighbours a node, mean", "" if header.central else f"{links / header.estimators:.1f}"),
             ("time step", f"{header.dt_s:g} s"),
-            ("run", f"{self._run} of {header.runs} (from 0), {header.steps} steps asked for"),
-            ("seed, message loss", f"{header.seed}, {header.loss:g}"),
-            ("data", "drawn from the model" if header.source == "drawn" else "recorded"),
+            ("run", "" if live else f"{self._run} of {header.runs} (from 0), {header.steps} steps asked for"),
+            ("seed, message loss", "" if live else f"{header.seed}, {header.loss:g}"),
+            ("data", {"drawn": "drawn from the model", "recorded": "recorded", "live": "from a running node"}[header.source]),
             ("arithmetic", header.real),
             ("tolerance", scenario.tolerance),
             ("weights", scenario.weights),
@@ -106,6 +107,14 @@ class Summary:
             ("scenario SHA-256", f"`{header.scenario_sha256[:16]}`"),
         ]
         return [row for row in rows if row[1]]
+
+    def _estimators(self) -> str:
+        header = self._header
+        if header.central:
+            return f"{header.estimators} (central)"
+        if header.estimators == header.nodes:
+            return f"{header.estimators} (one a node)"
+        return ", ".join(self._names)
 
     def _legend(self, colour_range: tuple[float, float] | None) -> str:
         what = "error" if self._known.any() else "10 log10 of the test quantity (there is no truth)"

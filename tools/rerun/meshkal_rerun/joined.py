@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: MIT
+"""Logs that nodes of one network have written, each for itself, read as one log of the network."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from .reader import Batch, LogError, LogReader, _check_arrays, _lengths
+
+_SAME = ("scenario_sha256", "filter", "real", "dt_s", "source")
+# What holds one number or more of each slot, and of each estimator.
+_SLOTS = ("measurements_arrived", "estimates_arrived")
+_EACH = ("estimate", "trace_covariance", "position_covariance", "theta", "tolerance", "nis", "nis_rows", "faults")
+
+
+class JoinedReader(LogReader):
+    """A step has what the nodes say of it; of a node that says nothing, nothing has arrived and all numbers are unknown. Several logs of the same
+    node, one after another, are one. A truth is left out."""
+
+    def __init__(self, readers: dict[str, LogReader]) -> None:
+        self._readers = readers
+        first = next(iter(readers.values())).header
+        slots: dict[int, tuple[int, ...]] = {}
+        for name, reader in readers.items():
+            for key in _SAME:
+                if getattr(reader.header, key) != getattr(first, key):
+                    raise LogError(f"{name} does not belong to {next(iter(readers))}: its {key} is another")
+            if reader.header.central:
+                raise LogError(f"{name} is the log of a centre, which cannot be joined with others")
+            slots |= zip(reader.header.estimator_nodes, reader.header.slots)
+        nodes = tuple(sorted(slots))
+        self.header = replace(first, estimators=len(nodes), estimator_nodes=nodes, slots=tuple(slots[k] for k in nodes))
+        self.end = None
+        self.warnings = []
+        self._items = 0
+
+    def batches(self, run: int) -> Iterator[Batch]:
+        yield from super().batches(run)
+        ends = [reader.end for reader in self._readers.values()]
+        self.end = "complete" if all(end == "complete" for end in ends) else "interrupted" if all(ends) else None
+        self.warnings = [f"{name}: {text}" for name, reader in self._readers.items() for text in reader.warnings]
+
+    def _steps(self) -> Iterator[dict]:
+        sources = [(reader.header, _checked(name, reader)) for name, reader in self._readers.items()]
+        heads = [next(items, None) for _, items in sources]
+        while any(head is not None for head in heads):
+            now = min((head["run"], head["step"]) for head in heads if head is not None)
+            present = [i for i, head in enumerate(heads) if head is not None and (head["run"], head["step"]) == now]
+            self._items += 1
+            yield self._together(*now, [(sources[i][0], heads[i]) for i in present])
+            for i in present:
+                heads[i] = next(sources[i][1], None)
+
+    def _together(self, run: int, step: int, parts: list) -> dict:
+        item: dict = {"run": run, "step": step}
+        lengths = _lengths(self.header)
+        for key in ("measurements", *_SLOTS, *_EACH):
+            dtype, length = lengths[key]
+            item[key] = np.full(length, np.nan if dtype.kind == "f" else 0, dtype=dtype)
+        for header, part in parts:
+            item["measurements"] = np.where(np.isnan(item["measurements"]), part["measurements"], item["measurements"])
+            at = 0
+            for i, (node, slots) in enumerate(zip(header.estimator_nodes, header.slots)):
+                k = self.header.estimator_nodes.index(node)
+                start = int(self.header.slot_starts[k])
+                for key in _SLOTS:
+                    item[key][start : start + len(slots)] = part[key][at : at + len(slots)]
+                at += len(slots)
+                for key in _EACH:
+                    width = lengths[key][1] // self.header.estimators
+                    if width:
+                        item[key][k * width : (k + 1) * width] = part[key][i * width : (i + 1) * width]
+        if not self.header.positions:
+            del item["position_covariance"]
+        return item
+
+
+def _checked(name: str, reader: LogReader) -> Iterator[dict]:
+    """Items whose arrays are as the log's own header says, so that none of them can shift another's."""
+    lengths, last = _lengths(reader.header), (-1, -1)
+    needed = ("estimates_arrived", *(("position_covariance",) if reader.header.positions else ()))
+    for item in reader._steps():
+        where = f"{name}: run {item['run']}, step {item['step']}"
+        _check_arrays(item, lengths, where)
+        for key in needed:
+            if key not in item:
+                raise LogError(f"{where}: {key} is missing")
+        if (item["run"], item["step"]) <= last:
+            raise LogError(f"{where}: comes after run {last[0]}, step {last[1]}")
+        last = (item["run"], item["step"])
+        yield item
