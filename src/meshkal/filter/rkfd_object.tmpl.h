@@ -108,8 +108,8 @@ mk_status_t MK_F(mk_rkfd_start)(int n, int m, int slots, const MK_F_T(mk_rkfd_vi
     core->config = config;
     core->tolerance = config->tolerance;
     core->stage = 1;
-    for (int i = 0; i < slots * m; i++) view->y[i] = MK_R(0.0);
-    for (int i = 0; i < slots * n; i++) view->psi[i] = MK_R(0.0);
+    memset(view->y, 0, (size_t)(slots * m) * sizeof *view->y);
+    memset(view->psi, 0, (size_t)(slots * n) * sizeof *view->psi);
     return MK_OK;
 }
 
@@ -167,11 +167,12 @@ void MK_F(mk_rkfd_settle)(int n, int complete, MK_F_T(mk_rkfd) * core, MK_REAL *
     core->steady = 0;
     /* Not without all readings, however little they weigh: a filter that lost one for good would be put back at every step. */
     if (!complete || core->tolerance != core->config->tolerance) return;
+    const MK_REAL *limit = steady->W, *now = W;
     for (int i = 0; i < n; i++) {
-        work[i] = MK_F(mk_sqrt)(steady->W[MK_AT(i, i)]);
+        work[i] = MK_F(mk_sqrt)(limit[i]);
         for (int j = 0; j <= i; j++) {
-            const MK_REAL apart = W[MK_AT(i, j)] - steady->W[MK_AT(i, j)], limit = steady->close * work[i] * work[j];
-            if (!(apart <= limit && -apart <= limit)) return;
+            const MK_REAL apart = *now++ - *limit++, most = steady->close * work[i] * work[j];
+            if (!(apart <= most && -apart <= most)) return;
         }
     }
     for (int i = 0; i < MK_AT(n, 0); i++) W[i] = steady->W[i];
