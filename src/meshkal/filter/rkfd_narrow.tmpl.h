@@ -40,7 +40,7 @@ typedef struct {
 #define MK_NARROW_SEARCH (-1) /* theta and iterations: mk_gamma_search for P */
 #define MK_NARROW_NIS (-2)    /* nis, and exact set: mk_rkfd_exact_nis with L = P, b = psi */
 
-/* First part: M^-1 to L, L^-1 of the sum of F e to b, nis, used and rows but for what the factor of L adds. */
+/* First part: M^-1 to L, the sum of F e to b, used and rows. Returns the sum of e' R^-1 e. Scratch: e, m numbers. */
 MK_KERNEL MK_REAL MK_F(mk_narrow_gather)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, MK_REAL *MK_RESTRICT e,
                                          MK_REAL *MK_RESTRICT b, MK_REAL *MK_RESTRICT L, MK_F_T(mk_narrow) * done) {
     const MK_F_T(mk_rkfd_config) *const config = view->core->config;
