@@ -24,6 +24,7 @@ $(eval $(call FIRMWARE_IMAGE,sealed-f32,tests/firmware/sealed.c $(MONOCYPHER_SOU
 $(eval $(call FIRMWARE_TEST,sealed-f32,$(SEALED)/sealed.bin,0,frames agree))
 $(eval $(call FIRMWARE_TEST,sealed-f32,$(SEALED)/sealed-altered.bin,1,frame differs))
 
+TEST_ITEMS += sh:tests/firmware/sealed.sh
 .PHONY: sealed-size
 sealed-size: firmware $(SIZE)/count.so ## what sealing a frame costs on six targets: a table
 	@$(PYTHON) tests/firmware/sealed_size.py $(BUILD)

@@ -125,6 +125,7 @@ $(HOST_NETWORKS:%=$(HOST_PLAIN)/header-%-shared): $(HOST_PLAIN)/header-%-shared:
 HOST_C_TESTS := $(patsubst $(HOST_TEST)/%.c,%,$(filter-out %/test_header.c,$(wildcard $(HOST_TEST)/test_*.c)))
 HOST_TEST_PROGRAMS := $(foreach d,$(HOST_PLAIN) $(HOST_SANE),$(HOST_C_TESTS:%=$(d)/%) $(HOST_NETWORKS:%=$(d)/header-%-shared)) \
   $(HOST_NETWORKS:%=$(HOST_PLAIN)/header-%-unrolled) $(HOST_CLANG)
+TEST_ITEMS += $(HOST_TEST_PROGRAMS)
 
 .PHONY: test-host-c
 test-host-c: $(HOST_TEST_PROGRAMS)
