@@ -107,7 +107,7 @@ reproduce: all ## the published experiment over 30 random draws (DRAWS=N): table
 
 SANITIZE = -O1 -fsanitize=address,undefined -fno-sanitize-recover=all
 include port/monocypher/monocypher.mk tests/unit/unit.mk tests/host/host.mk tests/mpi/mpi.mk tests/bench/bench.mk tests/package/package.mk \
-  tests/firmware/firmware.mk tests/firmware/demo/demo.mk tests/firmware/size/size.mk tests/firmware/sealed.mk tests/fuzz/fuzz.mk
+  tests/firmware/firmware.mk tests/firmware/demo/demo.mk tests/firmware/size/size.mk tests/firmware/sealed/sealed.mk tests/fuzz/fuzz.mk
 
 # Every suite runs twice: as users build it, and with the sanitizers. The files above add to TEST_ITEMS what tests/run.sh runs, a program
 # or sh:SCRIPT, and to TEST_NEEDS what the scripts need.
