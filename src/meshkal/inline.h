@@ -62,4 +62,7 @@
 /* Place of element (i, j), j <= i, of a packed symmetric matrix. */
 #define MK_AT(i, j) ((i) * ((i) + 1) / 2 + (j))
 
+/* The same for any i and j. */
+#define MK_PLACE(i, j) ((i) > (j) ? MK_AT(i, j) : MK_AT(j, i))
+
 #endif

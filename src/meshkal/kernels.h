@@ -33,16 +33,11 @@ int mk_gamma_search_f64(int n, const double *P, double c, double *theta, double 
 float mk_log_gap_far_f32(float t);
 double mk_log_gap_far_f64(double t);
 /* Normalised innovation squared as (e - C d)' R^-1 (e - C d) + d' W d, d = M b, a sum of squares without cancellation; the largest number
-   where it overflows. L as the step's mk_ldl leaves it, b = L^-1 b, which is overwritten. */
+   where it overflows. L as the step's mk_ldl leaves it, b = L^-1 b, which is overwritten. Scratch: e, m numbers, which may be L. */
 float mk_rkfd_exact_nis_f32(const mk_rkfd_config_f32_t *config, const float *x, const float *W, const float *y,
-                            const uint8_t *have_y, const float *L, float *b);
+                            const uint8_t *have_y, const float *L, float *b, float *e);
 double mk_rkfd_exact_nis_f64(const mk_rkfd_config_f64_t *config, const double *x, const double *W, const double *y,
-                            const uint8_t *have_y, const double *L, double *b);
-/* The same with L and b made anew; work: MK_PACKED(n) + n + m numbers. */
-float mk_rkfd_exact_nis_anew_f32(const mk_rkfd_config_f32_t *config, const float *x, const float *W, const float *y, const uint8_t *have_y,
-                                 float *work);
-double mk_rkfd_exact_nis_anew_f64(const mk_rkfd_config_f64_t *config, const double *x, const double *W, const double *y, const uint8_t *have_y,
-                                  double *work);
+                            const uint8_t *have_y, const double *L, double *b, double *e);
 /* After a full step, complete or not, of a filter that has a steady part: core->steady says whether W has arrived; it is then put to the limit.
    work: n numbers. */
 void mk_rkfd_settle_f32(int n, int complete, mk_rkfd_f32_t *core, float *W, float *work);
@@ -58,6 +53,7 @@ void mk_rkfd_settle_f64(int n, int complete, mk_rkfd_f64_t *core, double *W, dou
 #define MK_FAST_ERROR 1e-5f
 #include "algebra/elementary.tmpl.h"
 #include "algebra/row.tmpl.h"
+#include "algebra/load.tmpl.h"
 #include "algebra/columns.tmpl.h"
 #include "algebra/symmetric.tmpl.h"
 #include "algebra/gamma_root.tmpl.h"
@@ -80,6 +76,7 @@ void mk_rkfd_settle_f64(int n, int complete, mk_rkfd_f64_t *core, double *W, dou
 #define MK_FAST_ERROR 1e-11
 #include "algebra/elementary.tmpl.h"
 #include "algebra/row.tmpl.h"
+#include "algebra/load.tmpl.h"
 #include "algebra/columns.tmpl.h"
 #include "algebra/symmetric.tmpl.h"
 #include "algebra/gamma_root.tmpl.h"

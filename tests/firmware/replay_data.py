@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A record as a C header for replay.c. Usage: replay_data.py RECORD HEADER [KIND NUMBER BYTE]: bit 0 of that byte in the content of the NUMBERth item (from 0)
 of KIND (meshkal/record.h) is changed and its CRC made good: the image must find it."""
 

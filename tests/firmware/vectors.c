@@ -221,7 +221,7 @@ static void draw_model(int scale, MK_REAL tolerance) {
                                                              R_inverse + l * MK_PACKED(m), work));
     }
     const MK_F_T(mk_rkfd_config) made = {(uint16_t)n, (uint16_t)m, (uint16_t)slots, A, Q, draw_below(2) ? input : NULL, x0, P0, weight, rows,
-                                         C, F, S, R_inverse, tolerance};
+                                         C, F, S, R_inverse, tolerance, 0};
     config = made;
 }
 

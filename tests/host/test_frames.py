@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The wire format of <meshkal/frame.h> against struct, zlib and numpy: every byte, every number, every size that the header states."""
 import ctypes
 import pathlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Records of simulated nodes and `meshkal replay`: the same bits, and what is said of records that are cut, damaged, changed or foreign. Items are read here
 with struct and zlib."""
 import json

@@ -33,7 +33,7 @@ static unrolled_t unrolled_node;
     static mk_##real##_t name##_F[4], name##_S[6], name##_R_inverse[2];                                                        \
     static const name##_config_t name##_config = {2,    1,        2,        name##_A, name##_Q, 0, name##_x0, name##_P0,       \
                                                   name##_weight, rows, name##_C, name##_F, name##_S, name##_R_inverse,         \
-                                                  (mk_##real##_t)0.02};                                                        \
+                                                  (mk_##real##_t)0.02, 0};                                                     \
     static int name##_run(void) {                                                                                              \
         mk_##real##_t work[3];                                                                                                 \
         int t, l;                                                                                                              \

@@ -40,10 +40,10 @@ check "PlatformIO: no fused operation in the project's units and the library" te
 
 # ESP-IDF: the component manager packs it; its build functions are stood in for, with the compiler of the C3's instruction set.
 check "ESP-IDF: the component manager packs it" sh -c "cp -R $packages/esp-idf $out/meshkal && cd $out/meshkal && \
-    IDF_TOOLS_PATH=$here/idf-tools timeout 60 $tools/compote component pack --name meshkal --dest-dir $here/idf && \
+    IDF_TOOLS_PATH=$here/idf-tools timeout 300 $tools/compote component pack --name meshkal --dest-dir $here/idf && \
     test -s $here/idf/meshkal_$version.tgz"
 check "ESP-IDF: the component manager refuses a false version" sh -c "cd $out/meshkal && sed -i 's/^version:.*/version: \"one\"/' idf_component.yml && \
-    ! IDF_TOOLS_PATH=$here/idf-tools timeout 60 $tools/compote component pack --name meshkal --dest-dir $here/idf-refused"
+    ! IDF_TOOLS_PATH=$here/idf-tools timeout 300 $tools/compote component pack --name meshkal --dest-dir $here/idf-refused"
 generic="-DCMAKE_SYSTEM_NAME=Generic -DCMAKE_TRY_COMPILE_TARGET_TYPE=STATIC_LIBRARY -DCMAKE_EXPORT_COMPILE_COMMANDS=ON"
 riscv="$generic -DCMAKE_C_COMPILER=riscv64-unknown-elf-gcc -DCMAKE_CXX_COMPILER=riscv64-unknown-elf-g++"
 arm="$generic -DCMAKE_C_COMPILER=arm-none-eabi-gcc -DCMAKE_CXX_COMPILER=arm-none-eabi-g++"

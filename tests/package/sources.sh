@@ -5,7 +5,7 @@
 
 # Source files are those that have comments: data (JSON, CSV, logs, pictures) and prose have none; a licence is no source. The generated
 # manifest of Arduino has a fixed list of lines.
-find . -path ./build -prune -o -path ./.git -prune -o -path ./.venv -prune -o -name __pycache__ -prune -o -name '*.egg-info' -prune -o -type f -print | sed 's,^\./,,' | sort >"$out/files"
+find . -path ./build -prune -o -path ./.git -prune -o -path ./.venv -prune -o -name __pycache__ -prune -o -name .pytest_cache -prune -o -name '*.egg-info' -prune -o -type f -print | sed 's,^\./,,' | sort >"$out/files"
 grep -vE '(^|/)LICENSE$|\.(md|json|csv|cbor|rrd|png|svg|txt|gitignore|properties)$|^\.gitignore$' "$out/files" >"$out/sources"
 [ -e .git ] && git ls-files -o --exclude-standard >"$out/untracked" && grep -vxFf "$out/untracked" "$out/sources" >"$out/tracked" && mv "$out/tracked" "$out/sources"
 check "there are sources to look at" test "$(wc -l <"$out/sources")" -gt 100

@@ -2,23 +2,9 @@
 /* y := r + sum_j z_j X_j + sum_k w_k Z_k in this order, the columns X_j and Z_k being n numbers each, one after another. r null: zero. */
 
 #if defined(MK_LOAD_MULTIPLE) && MK_BITS == 32
-/* v[0 .. 6) := x[0 .. 6) by one instruction, which gcc does not find by itself: on a Cortex-M4 7 cycles instead of 12. Returns x + 6. */
-MK_KERNEL const float *mk_load_six_f32(const float *x, float *v) {
-    register float a __asm__("s0"), b __asm__("s1"), c __asm__("s2"), d __asm__("s3"), e __asm__("s4"), f __asm__("s5");
-    const float *next = x;
-    __asm__("vldmia %6!, {s0-s5}" : "=t"(a), "=t"(b), "=t"(c), "=t"(d), "=t"(e), "=t"(f), "+r"(next) : "m"(*(const float(*)[6])x));
-    v[0] = a;
-    v[1] = b;
-    v[2] = c;
-    v[3] = d;
-    v[4] = e;
-    v[5] = f;
-    return next;
-}
-
-/* sum[0 .. rows) += columns, rows <= 6 from x on. */
+/* sum[0 .. rows) += columns, rows <= 6 from x on. A loop: unrolled, its loads would wait in memory for registers. */
 MK_KERNEL void mk_columns_block_f32(int n, int rows, int count, const float *z, const float *x, float *sum) {
-    MK_UNROLL for (int j = 0; j < count; j++) {
+    for (int j = 0; j < count; j++) {
         float v[6];
         if (rows == 6) {
             x = mk_load_six_f32(x, v) + (n - 6);

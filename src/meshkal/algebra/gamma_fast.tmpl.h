@@ -102,7 +102,7 @@ MK_KERNEL int MK_F(mk_gamma_fast_root)(int n, const MK_F_T(mk_gamma_start) * sta
         const MK_REAL D_inverse = MK_R(1.0) / D;
         const MK_REAL tail = ((MK_R(2.0) * a3 - a2) + (MK_R(4.0) * a5 - MK_R(3.0) * a4)) - MK_R(5.0) * a6;
         /* t / (2 + t) does not wait for the division behind t. */
-        const MK_REAL gap = MK_F(mk_log_gap_quotient)(drop * D_inverse, drop / (MK_R(2.0) - drop));
+        const MK_REAL quotient = drop / (MK_R(2.0) - drop);
         const MK_REAL E1 = (((u - MK_R(2.0) * a2) + (MK_R(3.0) * a3 - MK_R(4.0) * a4)) + (MK_R(5.0) * a5 - MK_R(6.0) * a6)) * D_inverse;
         const MK_REAL E2 = (((a2 - MK_R(3.0) * a3) + (MK_R(6.0) * a4 - MK_R(10.0) * a5)) + MK_R(15.0) * a6) * D_inverse;
         const MK_REAL E3 = ((a3 - MK_R(4.0) * a4) + (MK_R(10.0) * a5 - MK_R(20.0) * a6)) * D_inverse;
@@ -112,6 +112,7 @@ MK_KERNEL int MK_F(mk_gamma_fast_root)(int n, const MK_F_T(mk_gamma_start) * sta
         const MK_REAL T3 = E1 * (E1 * E1 - MK_R(3.0) * E2) + MK_R(3.0) * E3;
         const MK_REAL T2_inverse = MK_R(1.0) / T2;
         const MK_REAL bend = MK_R(0.5) + T3 * T2_inverse;
+        const MK_REAL gap = MK_F(mk_log_gap_quotient)(drop * D_inverse, quotient); /* may call: late, when little is waiting */
         const MK_REAL newton = ((c - tail * D_inverse) - gap) * T2_inverse;
         const MK_REAL y = newton * bend;
         const MK_REAL step = newton * (MK_R(1.0) - y + y * y);

@@ -13,40 +13,42 @@
    Every term is positive, so gamma comes out to a few units of rounding at any theta below the pole 1 / lambda_max,
    however small c is or however the eigenvalues lie; no eigenvalue is computed. */
 
-/* Tridiagonal form of packed S, which is overwritten: a (n) the diagonal, b2 (n, the last undefined) the squared off-diagonal.
+/* Tridiagonal form of packed S, which is overwritten: a (n) the diagonal, b2 (n, the last zero) the squared off-diagonal.
    S must be scaled to trace 1: columns with a norm below epsilon^1.5 are taken as zero. */
 MK_PART void MK_F(mk_tridiagonal)(int n, MK_REAL *MK_RESTRICT S, MK_REAL *MK_RESTRICT a, MK_REAL *MK_RESTRICT b2) {
     /* Step k needs v and w above k only, where a and b2 are still free. */
     MK_REAL *const v = b2, *const w = a;
     MK_UNROLL for (int k = 0; k < n - 1; k++) {
-        const MK_REAL head = S[MK_AT(k + 1, k)];
         MK_REAL tail = MK_R(0.0);
-        MK_UNROLL for (int i = k + 2; i < n; i++) tail += S[MK_AT(i, k)] * S[MK_AT(i, k)];
+        MK_UNROLL for (int i = k + 2; i < n; i++) {
+            v[i] = S[MK_AT(i, k)];
+            tail += v[i] * v[i];
+        }
+        const MK_REAL head = S[MK_AT(k + 1, k)], square = head * head + tail;
         a[k] = S[MK_AT(k, k)];
-        b2[k] = head * head + tail;
+        b2[k] = square;
         if (tail > MK_EPSILON * MK_EPSILON * MK_EPSILON) {
-            const MK_REAL norm = MK_F(mk_sqrt)(b2[k]);
+            const MK_REAL norm = MK_F(mk_sqrt)(square);
             const MK_REAL size = head < MK_R(0.0) ? -head : head;
             /* H = I - tau v v', v = column + sign(head) norm e1 */
-            const MK_REAL tau = MK_R(1.0) / (b2[k] + size * norm);
+            const MK_REAL tau = MK_R(1.0) / (square + size * norm);
             v[k + 1] = head < MK_R(0.0) ? head - norm : head + norm;
-            MK_UNROLL for (int i = k + 2; i < n; i++) v[i] = S[MK_AT(i, k)];
             MK_REAL projection = MK_R(0.0);
             MK_UNROLL for (int i = k + 1; i < n; i++) {
                 MK_REAL sum = MK_R(0.0);
-                MK_UNROLL for (int j = k + 1; j <= i; j++) sum += S[MK_AT(i, j)] * v[j];
-                MK_UNROLL for (int j = i + 1; j < n; j++) sum += S[MK_AT(j, i)] * v[j];
+                MK_UNROLL for (int j = k + 1; j < n; j++) sum += S[MK_PLACE(i, j)] * v[j];
                 w[i] = tau * sum;
                 projection += w[i] * v[i];
             }
             const MK_REAL half = MK_R(0.5) * tau * projection;
-            MK_UNROLL for (int i = k + 1; i < n; i++) w[i] -= half * v[i];
             MK_UNROLL for (int i = k + 1; i < n; i++) {
+                w[i] -= half * v[i];
                 MK_UNROLL for (int j = k + 1; j <= i; j++) S[MK_AT(i, j)] -= v[i] * w[j] + w[i] * v[j];
             }
         }
     }
     a[n - 1] = S[MK_AT(n - 1, n - 1)];
+    b2[n - 1] = MK_R(0.0);
 }
 
 /* The same for P times 1 / trace, in work as MK_GAMMA_WORK lays it out: a behind MK_PACKED(n) numbers, b2 behind a.
@@ -118,11 +120,11 @@ MK_KERNEL int MK_F(mk_inline_gamma_root)(int n, const MK_REAL *MK_RESTRICT P, MK
 
     /* p2 = tr T^2, p3 = tr T^3: the one-eigenvalue model p2 / mu^2 gamma(mu, theta) with mu = p3 / p2 meets gamma to third
        order in theta, and exactly for P = s I and for rank one. */
-    MK_REAL p2 = MK_R(0.0), p3 = MK_R(0.0), largest = MK_R(0.0);
+    MK_REAL p2 = MK_R(0.0), p3 = MK_R(0.0), largest = MK_R(0.0), before = MK_R(0.0);
     MK_UNROLL for (int k = 0; k < n; k++) {
-        const MK_REAL off = k < n - 1 ? b2[k] : MK_R(0.0), before = k > 0 ? b2[k - 1] : MK_R(0.0);
-        p2 += a[k] * a[k] + MK_R(2.0) * off;
-        p3 += a[k] * (a[k] * a[k] + MK_R(3.0) * (off + before));
+        p2 += a[k] * a[k] + MK_R(2.0) * b2[k];
+        p3 += a[k] * (a[k] * a[k] + MK_R(3.0) * (b2[k] + before));
+        before = b2[k];
         if (a[k] > largest) largest = a[k];
     }
     const MK_REAL mu = p3 / p2, weight = mu * mu / p2;

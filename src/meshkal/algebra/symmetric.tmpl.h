@@ -23,7 +23,7 @@ MK_KERNEL int MK_F(mk_ldl_row)(int i, MK_REAL *MK_RESTRICT S) {
 }
 
 /* The whole factorisation. Returns 1, or 0 if S is not positive definite; S is spoilt then. n^3 / 3 operations, n divisions. */
-MK_KERNEL int MK_F(mk_ldl)(int n, MK_REAL *MK_RESTRICT S) {
+MK_PART int MK_F(mk_ldl)(int n, MK_REAL *MK_RESTRICT S) {
     int good = 1;
     MK_UNROLL for (int i = 0; i < n; i++) good &= MK_F(mk_ldl_row)(i, S);
     return good;

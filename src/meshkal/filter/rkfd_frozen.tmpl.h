@@ -21,14 +21,9 @@ MK_KERNEL mk_status_t MK_F(mk_rkfd_frozen)(int n, int m, int slots, const MK_F_T
     const MK_F_T(mk_rkfd_steady) *const steady = core->config->steady;
     MK_REAL *const MK_RESTRICT psi = view->work;
     MK_F(mk_columns)(n, input ? input : core->config->input, n, view->x, steady->Phi, slots * m, view->y, steady->G, psi);
-    /* Where the sum is finite so are all of them; where it is not, only nearly always one of them. */
-    MK_REAL sum = psi[0];
-    MK_UNROLL for (int i = 1; i < n; i++) sum += psi[i];
-    if (!(sum - sum == MK_R(0.0))) {
-        MK_REAL probe = psi[0] * MK_R(0.0);
-        MK_UNROLL for (int i = 1; i < n; i++) probe += psi[i] * MK_R(0.0);
-        if (!(probe == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
-    }
+    MK_REAL probe = psi[0] * MK_R(0.0);
+    MK_UNROLL for (int i = 1; i < n; i++) probe += psi[i] * MK_R(0.0);
+    if (!(probe == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
 
     MK_UNROLL for (int i = 0; i < n; i++) view->psi[i] = psi[i];
     view->have_psi[0] = 1;

@@ -15,7 +15,7 @@ static mk_status_t MK_F(mk_invert)(int n, const MK_REAL *S, MK_REAL *result, MK_
 /* Element (i, r) of C' R^-1. */
 static MK_REAL MK_F(mk_rkfd_gain)(int n, int rows, const MK_REAL *C, const MK_REAL *R_inverse, int i, int r) {
     MK_REAL sum = MK_R(0.0);
-    for (int s = 0; s < rows; s++) sum += C[s * n + i] * R_inverse[s > r ? MK_AT(s, r) : MK_AT(r, s)];
+    for (int s = 0; s < rows; s++) sum += C[s * n + i] * R_inverse[MK_PLACE(r, s)];
     return sum;
 }
 
@@ -46,8 +46,10 @@ mk_status_t MK_F(mk_rkfd_sensor)(int n, int m, int rows, const MK_REAL *C, const
     return MK_OK;
 }
 
+MK_PART int MK_F(mk_is_tolerance)(MK_REAL c) { return c >= MK_R(0.0) && c * MK_R(0.0) == MK_R(0.0); }
+
 mk_status_t MK_F(mk_rkfd_set_tolerance)(MK_F_T(mk_rkfd) * core, MK_REAL tolerance) {
-    if (!(tolerance >= MK_R(0.0) && tolerance * MK_R(0.0) == MK_R(0.0))) return MK_ERROR_TOLERANCE;
+    if (!MK_F(mk_is_tolerance)(tolerance)) return MK_ERROR_TOLERANCE;
     if (tolerance != core->tolerance) core->steady = 0;
     core->tolerance = tolerance;
     return MK_OK;
@@ -56,15 +58,17 @@ mk_status_t MK_F(mk_rkfd_set_tolerance)(MK_F_T(mk_rkfd) * core, MK_REAL toleranc
 static mk_status_t MK_F(mk_rkfd_check)(int n, int m, int slots, const MK_F_T(mk_rkfd_config) * config) {
     if (!config || n < 1 || m < 1 || slots < 1) return MK_ERROR_ARGUMENT;
     if (config->n != n || config->m != m || config->slots != slots) return MK_ERROR_SHAPE;
-    if (!config->A || !config->Q || !config->x0 || !config->P0 || !config->weight || !config->rows || !config->C ||
-        !config->F || !config->S || !config->R_inverse)
-        return MK_ERROR_ARGUMENT;
-    const int packed = MK_AT(n, 0);
-    if (!MK_F(mk_all_finite)(n * n, config->A) || !MK_F(mk_all_finite)(packed, config->Q) ||
-        (config->input && !MK_F(mk_all_finite)(n, config->input)) || !MK_F(mk_all_finite)(slots, config->weight) ||
-        !MK_F(mk_all_finite)(slots * m * n, config->C) || !MK_F(mk_all_finite)(slots * n * m, config->F) ||
-        !MK_F(mk_all_finite)(slots * packed, config->S) || !MK_F(mk_all_finite)(slots * MK_AT(m, 0), config->R_inverse))
-        return MK_ERROR_NOT_FINITE;
+    if (!config->x0 || !config->P0 || !config->rows) return MK_ERROR_ARGUMENT;
+    const int packed = MK_AT(n, 0), rows = slots * m;
+    const MK_REAL *const numbers[8] = {config->A, config->Q, config->input ? config->input : config->x0, config->weight,
+                                       config->C, config->F, config->S, config->R_inverse};
+    const int counts[8] = {n * n, packed, config->input ? n : 0, slots, rows * n, rows * n, slots * packed, slots * MK_AT(m, 0)};
+    int finite = 1;
+    for (int k = 0; k < 8; k++) {
+        if (!numbers[k]) return MK_ERROR_ARGUMENT;
+        finite &= MK_F(mk_all_finite)(counts[k], numbers[k]);
+    }
+    if (!finite) return MK_ERROR_NOT_FINITE;
     for (int l = 0; l < slots; l++)
         if (config->weight[l] < MK_R(0.0) || config->rows[l] > m) return MK_ERROR_ARGUMENT;
     return MK_OK;
@@ -96,17 +100,16 @@ mk_status_t MK_F(mk_rkfd_start)(int n, int m, int slots, const MK_F_T(mk_rkfd_vi
     mk_status_t status = MK_F(mk_rkfd_check)(n, m, slots, config);
     if (status == MK_OK) status = MK_F(mk_rkfd_check_steady)(n, m, slots, config->steady, view->work);
     if (status != MK_OK) return status;
-    MK_F_T(mk_rkfd) core;
-    memset(&core, 0, sizeof core);
-    status = MK_F(mk_rkfd_set_tolerance)(&core, config->tolerance);
-    if (status != MK_OK) return status;
+    if (!MK_F(mk_is_tolerance)(config->tolerance)) return MK_ERROR_TOLERANCE;
     status = MK_F(mk_rkfd_reset)(n, slots, view, config->x0, config->P0);
     if (status != MK_OK) return status;
-    core.config = config;
-    core.stage = 1;
-    *view->core = core;
-    for (int i = 0; i < slots * m; i++) view->y[i] = MK_R(0.0);
-    for (int i = 0; i < slots * n; i++) view->psi[i] = MK_R(0.0);
+    MK_F_T(mk_rkfd) *const core = view->core;
+    memset(core, 0, sizeof *core);
+    core->config = config;
+    core->tolerance = config->tolerance;
+    core->stage = 1;
+    memset(view->y, 0, (size_t)(slots * m) * sizeof *view->y);
+    memset(view->psi, 0, (size_t)(slots * n) * sizeof *view->psi);
     return MK_OK;
 }
 
@@ -120,33 +123,35 @@ mk_status_t MK_F(mk_rkfd_restart)(int n, int slots, const MK_F_T(mk_rkfd_view) *
     return MK_OK;
 }
 
-/* An input arrived and is refused: counted, and seen in the faults of the step. */
-static mk_status_t MK_F(mk_rkfd_refuse)(MK_F_T(mk_rkfd) * core, mk_status_t status) {
-    core->rejected++;
-    core->rejected_now = 1;
+/* Whether an input that arrived for a slot is taken. What is refused is counted, and seen in the faults of the step. */
+static mk_status_t MK_F(mk_rkfd_take)(MK_F_T(mk_rkfd) * core, int stage, int slot, int first, int count, const MK_REAL *values,
+                                      const uint8_t *have) {
+    if (core->stage != stage) return MK_ERROR_ORDER;
+    mk_status_t status = MK_OK;
+    if (!values || slot < first || slot >= core->config->slots) status = MK_ERROR_ARGUMENT;
+    else if (!MK_F(mk_all_finite)(count ? count : core->config->rows[slot], values)) status = MK_ERROR_NOT_FINITE;
+    else if (have[slot]) status = MK_ERROR_REPEATED;
+    if (status != MK_OK) {
+        core->rejected++;
+        core->rejected_now = 1;
+    }
     return status;
 }
 
 mk_status_t MK_F(mk_rkfd_put)(int n, int m, const MK_F_T(mk_rkfd_view) * view, int slot, const MK_REAL *values,
                               int is_innovation) {
-    MK_F_T(mk_rkfd) *const core = view->core;
     (void)n;
-    if (core->stage != 1) return MK_ERROR_ORDER;
-    if (!values || slot < 0 || slot >= core->config->slots) return MK_F(mk_rkfd_refuse)(core, MK_ERROR_ARGUMENT);
-    const int rows = core->config->rows[slot];
-    if (!MK_F(mk_all_finite)(rows, values)) return MK_F(mk_rkfd_refuse)(core, MK_ERROR_NOT_FINITE);
-    if (view->have_y[slot]) return MK_F(mk_rkfd_refuse)(core, MK_ERROR_REPEATED);
+    const mk_status_t status = MK_F(mk_rkfd_take)(view->core, 1, slot, 0, 0, values, view->have_y);
+    if (status != MK_OK) return status;
+    const int rows = view->core->config->rows[slot];
     for (int r = 0; r < m; r++) view->y[slot * m + r] = r < rows ? values[r] : MK_R(0.0);
     view->have_y[slot] = is_innovation ? 2 : 1;
     return MK_OK;
 }
 
 mk_status_t MK_F(mk_rkfd_put_estimate)(int n, const MK_F_T(mk_rkfd_view) * view, int slot, const MK_REAL *psi) {
-    MK_F_T(mk_rkfd) *const core = view->core;
-    if (core->stage != 2) return MK_ERROR_ORDER;
-    if (!psi || slot < 1 || slot >= core->config->slots) return MK_F(mk_rkfd_refuse)(core, MK_ERROR_ARGUMENT);
-    if (!MK_F(mk_all_finite)(n, psi)) return MK_F(mk_rkfd_refuse)(core, MK_ERROR_NOT_FINITE);
-    if (view->have_psi[slot]) return MK_F(mk_rkfd_refuse)(core, MK_ERROR_REPEATED);
+    const mk_status_t status = MK_F(mk_rkfd_take)(view->core, 2, slot, 1, n, psi, view->have_psi);
+    if (status != MK_OK) return status;
     for (int i = 0; i < n; i++) view->psi[slot * n + i] = psi[i];
     view->have_psi[slot] = 1;
     return MK_OK;
@@ -162,11 +167,12 @@ void MK_F(mk_rkfd_settle)(int n, int complete, MK_F_T(mk_rkfd) * core, MK_REAL *
     core->steady = 0;
     /* Not without all readings, however little they weigh: a filter that lost one for good would be put back at every step. */
     if (!complete || core->tolerance != core->config->tolerance) return;
+    const MK_REAL *limit = steady->W, *now = W;
     for (int i = 0; i < n; i++) {
-        work[i] = MK_F(mk_sqrt)(steady->W[MK_AT(i, i)]);
+        work[i] = MK_F(mk_sqrt)(limit[i]);
         for (int j = 0; j <= i; j++) {
-            const MK_REAL apart = W[MK_AT(i, j)] - steady->W[MK_AT(i, j)], limit = steady->close * work[i] * work[j];
-            if (!(apart <= limit && -apart <= limit)) return;
+            const MK_REAL apart = *now++ - *limit++, most = steady->close * work[i] * work[j];
+            if (!(apart <= most && -apart <= most)) return;
         }
     }
     for (int i = 0; i < MK_AT(n, 0); i++) W[i] = steady->W[i];
@@ -211,52 +217,35 @@ mk_status_t MK_F(mk_rkfd_predict)(int n, int m, const MK_F_T(mk_rkfd_view) * vie
     return MK_F(mk_all_finite)(m, innovation) && MK_F(mk_all_finite)(MK_AT(m, 0), variance) ? MK_OK : MK_ERROR_NOT_FINITE;
 }
 
-/* Row r of (y_l - C_l x) - C_l d; without C_l x where the slot holds an innovation. */
-static MK_REAL MK_F(mk_rkfd_residual)(int n, const MK_REAL *C, int is_innovation, MK_REAL y, const MK_REAL *x, const MK_REAL *d) {
-    MK_REAL predicted = MK_R(0.0), corrected = MK_R(0.0);
-    for (int j = 0; j < n; j++) {
-        if (!is_innovation) predicted += C[j] * x[j];
-        corrected += C[j] * d[j];
-    }
-    return (y - predicted) - corrected;
+/* sum + v' M v, M packed. */
+static MK_REAL MK_F(mk_quadratic)(int n, const MK_REAL *M, const MK_REAL *v, MK_REAL sum) {
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++) sum += v[i] * M[MK_PLACE(i, j)] * v[j];
+    return sum;
 }
 
-MK_PART MK_REAL MK_F(mk_rkfd_squares)(const MK_F_T(mk_rkfd_config) * config, const MK_REAL *x, const MK_REAL *W, const MK_REAL *y,
-                                      const uint8_t *have_y, const MK_REAL *L, MK_REAL *b) {
+MK_REAL MK_F(mk_rkfd_exact_nis)(const MK_F_T(mk_rkfd_config) * config, const MK_REAL *x, const MK_REAL *W, const MK_REAL *y,
+                                const uint8_t *have_y, const MK_REAL *L, MK_REAL *b, MK_REAL *e) {
     const int n = config->n, m = config->m;
-    MK_REAL sum = MK_R(0.0);
+    const MK_REAL *C = config->C;
     /* d = L^-T D^-1 b, from the last row up. */
     for (int i = n - 1; i >= 0; i--) {
         b[i] *= L[MK_AT(i, i)];
         for (int k = i + 1; k < n; k++) b[i] -= L[MK_AT(k, i)] * b[k];
     }
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++) sum += b[i] * W[i > j ? MK_AT(i, j) : MK_AT(j, i)] * b[j];
+    MK_REAL sum = MK_F(mk_quadratic)(n, W, b, MK_R(0.0));
     for (int l = 0; l < config->slots; l++) {
-        const MK_REAL *const R_inverse = config->R_inverse + l * MK_AT(m, 0), *const C = config->C + l * m * n;
-        for (int r = 0; r < m && have_y[l]; r++)
-            for (int s = 0; s < m; s++)
-                sum += MK_F(mk_rkfd_residual)(n, C + r * n, have_y[l] == 2, y[l * m + r], x, b) *
-                       R_inverse[r > s ? MK_AT(r, s) : MK_AT(s, r)] *
-                       MK_F(mk_rkfd_residual)(n, C + s * n, have_y[l] == 2, y[l * m + s], x, b);
+        /* e = (y - C x) - C d; without C x where the slot holds an innovation. */
+        for (int r = 0; r < m; r++) {
+            MK_REAL predicted = MK_R(0.0), corrected = MK_R(0.0);
+            for (int j = 0; j < n; j++) {
+                predicted += *C * x[j];
+                corrected += *C++ * b[j];
+            }
+            e[r] = (have_y[l] == 2 ? *y : *y - predicted) - corrected;
+            y++;
+        }
+        if (have_y[l]) sum = MK_F(mk_quadratic)(m, config->R_inverse + l * MK_AT(m, 0), e, sum);
     }
     return sum >= MK_R(0.0) && sum * MK_R(0.0) == MK_R(0.0) ? sum : MK_LARGEST;
-}
-
-MK_REAL MK_F(mk_rkfd_exact_nis)(const MK_F_T(mk_rkfd_config) * config, const MK_REAL *x, const MK_REAL *W, const MK_REAL *y,
-                                const uint8_t *have_y, const MK_REAL *L, MK_REAL *b) {
-    return MK_F(mk_rkfd_squares)(config, x, W, y, have_y, L, b);
-}
-
-MK_REAL MK_F(mk_rkfd_exact_nis_anew)(const MK_F_T(mk_rkfd_config) * config, const MK_REAL *x, const MK_REAL *W, const MK_REAL *y,
-                                     const uint8_t *have_y, MK_REAL *work) {
-    const int n = config->n, m = config->m;
-    MK_REAL *const L = work, *const b = L + MK_AT(n, 0), *const e = b + n;
-    for (int i = 0; i < MK_AT(n, 0); i++) L[i] = W[i];
-    for (int i = 0; i < n; i++) b[i] = MK_R(0.0);
-    for (int l = 0; l < config->slots; l++)
-        if (have_y[l]) (void)MK_F(mk_rkfd_gather)(n, m, config, l, have_y[l] == 2, x, y + l * m, e, L, b);
-    (void)MK_F(mk_ldl)(n, L); /* positive definite: the step has seen it */
-    MK_F(mk_ldl_forward)(n, 1, L, b);
-    return MK_F(mk_rkfd_squares)(config, x, W, y, have_y, L, b);
 }

@@ -96,7 +96,7 @@ MK_KERNEL void MK_F(mk_rkfd_commit)(int n, int slots, const MK_F_T(mk_rkfd_view)
     core->trace_P = trace_P;
     core->nis = nis;
     core->iterations = (uint16_t)iterations;
-    MK_UNROLL for (int i = 0; i < n; i++) view->psi[i] = psi[i];
+    MK_F(mk_move)(n, psi, view->psi);
     view->have_psi[0] = 1;
     for (int l = 0; l < slots; l++) view->have_y[l] = 0;
     core->nis_rows = (uint16_t)rows;
@@ -146,7 +146,7 @@ MK_KERNEL mk_status_t MK_F(mk_rkfd_robust)(int n, int m, int slots, const MK_F_T
         MK_UNROLL for (int i = 0; i < n; i++) psi[i] += scaled * X[k * n + i];
     }
     /* A prior much wider than the sensors' noise cancels nearly all of it, overflow makes it NaN: then the long way. */
-    if (!(square >= MK_R(1000.0) * MK_EPSILON * nis)) square = MK_F(mk_rkfd_exact_nis)(config, view->x, view->W, view->y, view->have_y, Y, b);
+    if (!(square >= MK_R(1000.0) * MK_EPSILON * nis)) square = MK_F(mk_rkfd_exact_nis)(config, view->x, view->W, view->y, view->have_y, Y, b, e);
     MK_REAL probe = psi[0] * MK_R(0.0);
     MK_UNROLL for (int i = 1; i < n; i++) probe += psi[i] * MK_R(0.0);
     if (!(probe == MK_R(0.0))) return MK_ERROR_NOT_FINITE;

@@ -20,10 +20,10 @@ MK_KERNEL mk_status_t MK_F(mk_inline_rkfd_diffuse)(int n, int slots, const MK_F_
         MK_UNROLL for (int i = 0; i < n; i++) x[i] = MK_R(0.0);
         for (int l = 0; l < slots; l++) {
             if (!view->have_psi[l]) continue;
-            MK_F(mk_row_add)(n, weight[l] * scale, psi + l * n, x);
+            MK_F(mk_load_add)(n, weight[l] * scale, psi + l * n, x);
         }
     } else {
-        MK_UNROLL for (int i = 0; i < n; i++) x[i] = psi[i];
+        MK_F(mk_load)(n, psi, x);
     }
     MK_REAL probe = x[0] * MK_R(0.0);
     MK_UNROLL for (int i = 1; i < n; i++) probe += x[i] * MK_R(0.0);
