@@ -128,10 +128,11 @@ static void MK_F(look_before)(MK_F(object) * o) {
 
 /* Those that are used: some may have been dropped. */
 static void MK_F(look_at_readings)(MK_F(object) * o) {
+    const MK_F_T(mk_rkfd_view) *const filter = &o->view->filter;
     for (int l = 0; l < o->slots; l++) {
-        o->moment.have_y[l] = o->view->filter.have_y[l] != 0;
-        for (int r = 0; r < o->m; r++)
-            o->moment.y[l * o->m + r] = o->moment.have_y[l] && r < o->config.filter.rows[l] ? (double)o->view->filter.y[l * o->m + r] : (double)NAN;
+        o->moment.have_y[l] = filter->have_y[l] != 0;
+        for (int r = 0, i = l * o->m; r < o->m; r++, i++)
+            o->moment.y[i] = filter->have_y[l] && r < o->config.filter.rows[l] ? (double)filter->y[i] : (double)NAN;
     }
 }
 
@@ -142,7 +143,8 @@ static mk_status_t MK_F(incremental)(void *object) {
     if (o->config.gate) MK_F(mk_node_judge_readings)(o->n, o->m, o->slots, o->view);
     MK_F(look_at_readings)(o);
     mk_status_t status = MK_F(mk_rkfd_incremental)(o->n, o->m, o->slots, &o->view->filter, NULL);
-    for (int attempt = 0; attempt < 2 && status != MK_OK && MK_F(mk_node_recover)(o->n, o->slots, o->view, status, NULL, attempt); attempt++) {
+    for (int attempt = 0; attempt < 2 && status != MK_OK; attempt++) {
+        if (!MK_F(mk_node_recover)(o->n, o->slots, o->view, status, NULL, attempt)) break;
         MK_F(look_at_readings)(o);
         status = MK_F(mk_rkfd_incremental)(o->n, o->m, o->slots, &o->view->filter, NULL);
     }
