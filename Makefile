@@ -25,7 +25,7 @@ HOST_OBJECTS = $(HOST_SOURCES:%.c=$(BUILD)/%.o)
 .PHONY: help setup all mpi run reproduce test bench clean
 
 help: ## this list
-	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 27
 
 # --- what the machine needs ------------------------------------------------------------------------------------------------
 
@@ -52,7 +52,7 @@ $(SETUP): tools/requirements.txt tools/rerun/pyproject.toml
 
 # --- library and program ---------------------------------------------------------------------------------------------------
 
-all: $(LIBRARY) $(PROGRAM) ## the node library and the host program, in build/
+all: $(LIBRARY) $(PROGRAM) ## the node library, the host program and the node daemon, in build/
 
 # Objects are made anew when the rules change; everything compiled waits for the packages.
 $(BUILD)/%.o: %.c Makefile | $(SETUP)
@@ -107,17 +107,17 @@ reproduce: all ## the published experiment over 30 random draws (DRAWS=N): table
 
 SANITIZE = -O1 -fsanitize=address,undefined -fno-sanitize-recover=all
 include port/monocypher/monocypher.mk tests/unit/unit.mk tests/host/host.mk tests/mpi/mpi.mk tests/bench/bench.mk tests/package/package.mk \
-  tests/firmware/firmware.mk tests/firmware/demo/demo.mk tests/firmware/size/size.mk tests/firmware/sealed.mk tests/fuzz/fuzz.mk
+  tests/firmware/firmware.mk tests/firmware/demo/demo.mk tests/firmware/size/size.mk tests/firmware/sealed/sealed.mk tests/fuzz/fuzz.mk
 
-# Every suite runs twice: as users build it, and with the sanitizers.
-test: all mpi firmware demo-firmware-parts size-images ## all tests, plain and under ASan and UBSan; last line: N passed, N failed
+# Every suite runs twice: as users build it, and with the sanitizers. The files above add to TEST_ITEMS what tests/run.sh runs, a program
+# or sh:SCRIPT, and to TEST_NEEDS what the scripts need.
+test: all mpi $(TEST_NEEDS) ## all tests, plain and under ASan and UBSan; last line: N passed, N failed
 	@$(MAKE) -s --no-print-directory BUILD=$(BUILD)/sanitize OPTIMISE="$(SANITIZE)" all mpi
-	@$(MAKE) -s --no-print-directory -j2 $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) $(MPI_TEST_PROGRAMS) $(FUZZ_TEST_PROGRAMS) $(BUILD)/package-tools/done
+	@$(MAKE) -s --no-print-directory -j2 $(filter-out sh:%,$(TEST_ITEMS))
 	@tests/run.sh $(BUILD) \
 	  py:pytest:$(PROGRAM):tests/reference,tests/host,tests/node,tests/mpi,tests/lab,tests/rerun,tests/reproduce \
 	  py:pytest-sanitized:$(BUILD)/sanitize/meshkal:tests/reference,tests/host,tests/node,tests/mpi \
-	  $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS) $(HOST_TEST_PROGRAMS) $(MPI_TEST_PROGRAMS) $(FUZZ_TEST_PROGRAMS) $(PACKAGE_TESTS) \
-	  sh:tests/firmware/firmware.sh sh:tests/firmware/demo/demo.sh sh:tests/firmware/size/size.sh sh:tests/firmware/sealed.sh
+	  $(TEST_ITEMS)
 
 bench: | $(SETUP) ## a node step beside Eigen and LAPACKE, analyze against nodes, simulate against processes: tables, build/bench/*.json
 

@@ -44,8 +44,8 @@ typedef enum {
     MK_ERROR_TOLERANCE,             /* tolerance negative, not finite, or without a root in this precision */
     MK_ERROR_ORDER,                 /* call out of turn: the header says which call comes first */
     MK_ERROR_REPEATED,              /* the slot has already been filled in this step: the new value was dropped */
-    /* Why a node refused a frame (meshkal/frame.h, meshkal/node.h), in the order in which a frame is examined; but TYPE comes after CHECKSUM,
-       TYPE and LENGTH once more where a neighbour's content is looked at, and REPEATED and NOT_FINITE stand before IMPLAUSIBLE. */
+    /* Why a node refused a frame (meshkal/frame.h, meshkal/node.h), in the order in which a frame is examined; but TYPE comes after
+       CHECKSUM, TYPE and LENGTH once more where a neighbour's content is looked at, and REPEATED and NOT_FINITE come before IMPLAUSIBLE. */
     MK_ERROR_LENGTH,                /* truncated, or not as long as its content */
     MK_ERROR_VERSION,               /* another version of the format */
     MK_ERROR_TYPE,                  /* stage, number format or flags unknown or not expected from this neighbour */
@@ -57,7 +57,7 @@ typedef enum {
     MK_ERROR_FORGED,                /* the seal does not open */
     MK_ERROR_LATE,                  /* of a stage that is over */
     MK_ERROR_AHEAD,                 /* more than one stage ahead of this node */
-    MK_ERROR_IMPLAUSIBLE,           /* information beyond the configured limit */
+    MK_ERROR_IMPLAUSIBLE,           /* information beyond the configured limit, or an estimate too large to be used */
     MK_ERROR_GATED,                 /* too far from what the filter expects */
     MK_STATUS_COUNT
 } mk_status_t;

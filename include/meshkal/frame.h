@@ -17,9 +17,10 @@
  *         20      k   payload, encrypted
  *     20 + k     16   tag over all before; nonce: node (2), zero (2), sequence (8)
  *
- * Payload: a measurement is the rows of y; an estimate is psi, n numbers. A measurement with model (bit 4) is for receivers that do not
- * hold the sender's C and R: the information pair (S, F y) of spec 1.4 in square-root form, G = R^-1/2 C by rows, then z = R^-1/2 y, so that
- * S = G'G and F y = G'z. It takes rows (n + 1) numbers where the pair takes n (n + 3) / 2, and stays positive semidefinite in any format.
+ * Payload: a measurement is the rows of y; an estimate is psi, n numbers. A measurement with model (bit 4) is for receivers that do
+ * not hold the sender's C and R: the information pair (S, F y) of spec 1.4 in square-root form, G = R^-1/2 C by rows, then z = R^-1/2 y,
+ * so that S = G'G and F y = G'z. It takes rows (n + 1) numbers where the pair takes n (n + 3) / 2, and stays positive semidefinite
+ * in any format.
  *
  * Sizes in bytes. An IEEE 802.15.4 frame of 127 bytes leaves 116 with short addresses and 104 with long ones (no link security):
  *
@@ -82,8 +83,10 @@ mk_status_t mk_numbers_get_f64(int numbers, int count, const uint8_t *bytes, dou
    0) is encrypted or decrypted in place. Any AEAD with a nonce of 12 bytes and a tag of 16 will do (ChaCha20-Poly1305 of RFC 8439,
    AES-GCM, AES-CCM). On 0 text is not used. */
 typedef struct {
-    int (*seal)(void *context, const uint8_t nonce[12], const uint8_t *header, size_t header_length, uint8_t *text, size_t length, uint8_t tag[16]);
-    int (*open)(void *context, const uint8_t nonce[12], const uint8_t *header, size_t header_length, uint8_t *text, size_t length, const uint8_t tag[16]);
+    int (*seal)(void *context, const uint8_t nonce[12], const uint8_t *header, size_t header_length, uint8_t *text, size_t length,
+                uint8_t tag[16]);
+    int (*open)(void *context, const uint8_t nonce[12], const uint8_t *header, size_t header_length, uint8_t *text, size_t length,
+                const uint8_t tag[16]);
     void *context; /* the key */
 } mk_aead_t;
 
@@ -97,19 +100,20 @@ typedef struct {
 int mk_replay_new(const mk_replay_t *window, uint64_t sequence);
 void mk_replay_mark(mk_replay_t *window, uint64_t sequence);
 
-/* Examines a frame: LENGTH, VERSION, for a plain one CHECKSUM, then TYPE: what is damaged is called so. Writes *frame on success
-   only; payload of a sealed one is still encrypted and must not be used before mk_frame_open. Reads nothing beyond length. */
+/* Examines a frame: ARGUMENT (null), LENGTH, VERSION, for a plain one CHECKSUM, then TYPE: what is damaged is called so. Writes *frame
+   on success only; payload of a sealed one is still encrypted and must not be used before mk_frame_open. Reads nothing beyond length. */
 mk_status_t mk_frame_read(const uint8_t *bytes, size_t length, mk_frame_t *frame);
 
 /* Opens a sealed frame that mk_frame_read found in `bytes`: REPLAYED, FORGED. text: room for frame->length bytes, where payload
-   then points. The window changes on success only. */
+   then points; on FORGED it is undefined. The window, its sender's, changes on success only. */
 mk_status_t mk_frame_open(const uint8_t *bytes, mk_frame_t *frame, const mk_aead_t *aead, mk_replay_t *window, uint8_t *text);
 
 /* Where the payload of a frame to be written goes. */
 uint8_t *mk_frame_payload(uint8_t *bytes, int sealed);
 
-/* Completes a frame whose payload (frame->length bytes) is in place: header and CRC, or header, sequence and seal. aead is used where
-   frame->sealed. Returns its length, or 0: the seal failed. */
+/* Completes a frame whose payload (frame->length bytes) is in place: header and CRC, or header, sequence and seal; bytes has room for
+   MK_FRAME_PLAIN or MK_FRAME_SEALED more than the payload. aead and sequence are used where frame->sealed, frame->payload is not.
+   Returns the frame's length, or 0: the seal failed. */
 size_t mk_frame_write(const mk_frame_t *frame, uint8_t *bytes, const mk_aead_t *aead, uint64_t sequence);
 
 #ifdef __cplusplus

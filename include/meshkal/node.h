@@ -8,20 +8,24 @@
  *     frame(MK_STAGE_ESTIMATE) ... accept ...                  stage 2: estimates
  *     diffuse                                                  x is the prediction for the next step
  *
- * What has not come when a stage ends is missing in this step. A frame of a stage that is over is late: counted and dropped. A second one of the same
- * node, step and stage is a repeat: counted and dropped. Clocks need not agree exactly: a frame one stage ahead is kept for that stage.
+ * What has not come when a stage ends is missing in this step. A frame of a stage that is over is late, a second one of the same
+ * node, step and stage a repeat: both are counted and dropped. Clocks need not agree exactly: a frame one stage ahead is kept for
+ * that stage.
  *
- * Steps are counted modulo 2^32. A node that was rebooted or slept is behind its neighbours, and finds out when diffuse ends a step: if at least
- * half of the neighbours that it heard in it were more than one stage ahead, or some were in MK_NODE_LEFT_BEHIND such steps in a row, it goes to
- * the lowest step in which those will be by then. So a network follows its fastest clock, however many nodes were rebooted together. Up to
- * config.catch_up steps it makes up for, each a prediction without readings; farther behind, it starts again from x0 and P0 at that
- * step. An application that knows the step (from a clock that ran on) calls advance, which does the same; it must where
- * a network has run for 2^31 steps or more. A neighbour that lies about its step is believed as any other: sealed frames keep strangers out.
+ * Steps are counted modulo 2^32. A node that was rebooted or slept is behind its neighbours, and finds out when diffuse ends a step: if at
+ * least half of the neighbours that it heard in it were more than one stage ahead, or if some were in each of MK_NODE_LEFT_BEHIND
+ * steps in a row (steps in which it heard nobody are left out), it goes on to the lowest step in which those will be by then. So a
+ * network follows its fastest clock, however many nodes were rebooted together. Up to config.catch_up steps it makes up for: each is
+ * a prediction without readings, but for one that had come early. Farther behind, it starts again from x0 and P0 at that step. An
+ * application that knows the step (from a clock that ran on) calls advance, which does the same; it must where a network has run for
+ * 2^31 steps or more. A neighbour that lies about its step is believed as any other: sealed frames keep strangers out.
  *
- * A node does not stop. Where a step is impossible (what arrived overflows, or after a long silence P leaves the range of the precision) its readings
- * are dropped and W := P0^-1, x stays if that suffices, and the step is taken; where estimates overflow in diffuse they are dropped. Both are counted.
+ * A node does not stop. Where a step is impossible (what arrived overflows, or after a long silence P leaves the range of the
+ * precision), its readings are dropped, W := P0^-1, and the step is taken from the present x, or from x0 if that fails, too: counter
+ * `reinitialised`. Where estimates overflow in diffuse they are dropped: counted as IMPLAUSIBLE.
  *
- * accept treats every byte as hostile. A refused frame changes nothing but its counter and what the rule above knows of steps.
+ * accept treats every byte as hostile. A refused frame changes nothing but its counter, what the rule above knows of steps and, if its
+ * seal was good, which sequence numbers have been seen.
  *
  * MK_NODE(name, real, n, m, slots) declares name_t and the functions below over MK_RKFD(name_filter, ...);
  * MK_NODE_UNROLLED of <meshkal/unrolled.h> the same over unrolled kernels. Objects may be copied and moved between calls; what
@@ -38,9 +42,9 @@
 extern "C" {
 #endif
 
-/* Authenticated frames. Caller's memory; parts of a name_secure_t. The key is in aead->context. A sequence number must never be
-   used twice with one key: give every start a higher one than any before, for example the count of boots in the upper 32 bits. At
-   2^64 - 1 they are used up, and nothing is sent any more. */
+/* Authenticated frames. Caller's memory: name_secure_t of a typed node holds it all. The key is in aead->context. A sequence number
+   must never be used twice with one key: give every start a higher one than any before, for example the count of boots in the upper
+   32 bits. At 2^64 - 1 they are used up, and nothing is sent any more. */
 typedef struct {
     const mk_aead_t *aead;
     uint64_t sequence;   /* of the next frame that is sent */
@@ -60,13 +64,15 @@ typedef struct {
 #define MK_NODE_BLOB(size, n, m, slots)                                                                                       \
     (85 + 4 * MK_STATUS_COUNT + 7 * (slots) + (size) * (4 + (n) + MK_PACKED(n) + (slots) * ((m) + (n) + (m) * (n))))
 
+/* Steps in a row with a neighbour ahead, after which fewer than half of the neighbours are followed. */
 #define MK_NODE_LEFT_BEHIND 4
 
 #define MK_DECLARE_NODE_CORE(real)                                                                                            \
-    /* Refusal of what the filter does not expect. Readings are judged when stage 1 ends, by e' (C V C' + R)^-1 e with e = y - C x      \
-       (mk_rkfd predict), for each slot by itself; estimates when stage 2 ends, by (psi_l - psi)' W (psi_l - psi), a check of plausibility: \
-       the covariance of that difference is not known to the node. The way back: when most readings were refused in more than \
-       `patience` steps in a row, it is the filter that is wrong; then W := P0^-1, x stays, and the readings are taken. */     \
+    /* Refusal of what the filter does not expect. Readings are judged when stage 1 ends, each slot by itself, by                \
+       e' (C V C' + R)^-1 e with e = y - C x (mk_rkfd predict); estimates when stage 2 ends, by (psi_l - psi)' W (psi_l - psi), a      \
+       check of plausibility: the covariance of that difference is not known to the node. The way back: when most readings were       \
+       refused in more than `patience` steps in a row, it is the filter that is wrong; then W := P0^-1, x stays, and the readings are \
+       taken. */                                                                                                              \
     typedef struct {                                                                                                          \
         const mk_##real##_t *reading; /* slots: thresholds, for example a quantile of chi-square with rows degrees; 0: none */ \
         mk_##real##_t estimate;       /* 0: none */                                                                           \
@@ -99,7 +105,8 @@ typedef struct {
         mk_secure_t *secure;                                                                                                  \
         mk_recorder_t *recorder;                                                                                              \
         uint32_t step;                     /* that is being worked on */                                                      \
-        uint32_t counts[MK_STATUS_COUNT];  /* frames by what accept said, MK_OK among them; GATED: readings and estimates */  \
+        uint32_t counts[MK_STATUS_COUNT];  /* frames by what accept said, MK_OK among them; GATED: readings and estimates that the \
+                                              gate refused; IMPLAUSIBLE: also estimates that diffuse dropped */                 \
         uint32_t early;                    /* of those that were taken, one stage ahead */                                    \
         uint32_t caught_up;                /* steps made up for */                                                            \
         uint32_t restarts;                 /* because it was too far behind */                                                \
@@ -156,35 +163,42 @@ MK_DECLARE_NODE_CORE(f64)
 
 /*
  * The typed functions. T is mk_<real>_t. On failure the node is as it was, but for its counters, unless a line below says more.
+ * Before start or restore a node of zeros refuses everything else: ORDER, 0, or ARGUMENT of secure.
  *
- * name_start(node, config)     Filter to x0 and P0, step 0, counters 0, plain frames, no recorder. Errors as name_start of rkfd.h; ARGUMENT: null, nodes
- *                              named twice, numbers beyond the precision, thresholds negative or not finite; SHAPE.
+ * name_start(node, config)     Filter to x0 and P0, step 0, counters 0, plain frames, no recorder. Errors as name_start of rkfd.h;
+ *                              ARGUMENT: null, nodes named twice, numbers beyond the precision, thresholds negative or not finite; SHAPE.
  * name_secure(node, secure, aead, sequence)
- *                              From now on only sealed frames are sent and taken. secure: name_secure_t of the caller, zeroed before the first
- *                              use. Do this after start or restore. ARGUMENT.
- * name_measure(node, T y[])    The reading of this node's own sensor, its rows; in stage 2 it is for the next step. NOT_FINITE, REPEATED.
+ *                              From now on only sealed frames are sent and taken. secure: name_secure_t of the caller, zeroed before the
+ *                              first use. Call it after every start and restore: they go back to plain frames. What was sent before that
+ *                              can be played to the node again; only the steps in it stand against that. ARGUMENT: null.
+ * name_measure(node, T y[])    The reading of this node's own sensor, its rows; in stage 2 it is for the next step. ARGUMENT: null;
+ *                              NOT_FINITE, REPEATED.
  * name_frame(node, stage, uint8_t bytes[name_frame_max])
  *                              Writes the frame of a stage; returns its length, or 0: nothing to send (no reading, or not the time), or it
  *                              could not be written (counter `unsent`). May be called again, to send it again.
  * name_accept(node, bytes, length)
  *                              A frame that arrived. Not changed. OK: taken; otherwise why it was refused, also counted in counts[].
- * name_incremental(node)       Ends stage 1. ORDER; NOT_FINITE: input; any other error of name_incremental in rkfd.h only if it remains from x0 and P0
- *                              (a tolerance that has no root there).
+ * name_incremental(node)       Ends stage 1. ORDER; NOT_FINITE: input; then readings that the gate refused stay refused. Any other error of
+ *                              name_incremental in rkfd.h only if it remains from x0 and P0 (a tolerance that has no root there), where
+ *                              the node then stands, without readings.
  * name_incremental_with(node, T input[n])
  *                              The same with r(t).
  * name_diffuse(node)           Ends stage 2 and the step; where the node is behind it makes up for that here (see above). ORDER;
  *                              as advance while it makes up, then with the steps so far done.
  * name_advance(node, step)     Between diffuse and incremental: goes on to this step as described above. ARGUMENT: not ahead of this node;
  *                              ORDER; errors of the steps, with those before done.
- * name_estimate, name_intermediate, name_set_tolerance, name_restart: as in rkfd.h. The filter itself is member `filter`.
+ * name_restart(node, T x0[n], T P0[])
+ *                              As in rkfd.h; the step stays, and begins again with stage 1.
+ * name_estimate, name_intermediate, name_set_tolerance: as in rkfd.h. The filter itself is member `filter`.
  * name_save(node, uint8_t blob[name_blob_max])
- *                              The whole state but for secure and recorder, with version, dimensions, model, node and CRC-32: the same bytes on every
- *                              target. Returns its length. At any time.
+ *                              The whole state but for secure and recorder, with version, dimensions, model, node and CRC-32: the
+ *                              same bytes on every target. Returns its length. At any time.
  * name_restore(node, config, blob, length)
- *                              In place of start: the node goes on bit for bit. LENGTH, CHECKSUM, VERSION, SHAPE, MODEL, STRANGER (of another node),
- *                              NOT_FINITE, NOT_POSITIVE_DEFINITE, TOLERANCE, IMPLAUSIBLE and ARGUMENT (what it holds is no state), and those of start.
- * name_record(node, recorder)  Empties the recorder and begins a record with the state; null ends it. LENGTH: does not fit.
- *                              Cost: copying and a CRC of every item.
+ *                              In place of start: the node goes on bit for bit, with plain frames and no recorder. LENGTH, CHECKSUM,
+ *                              VERSION, SHAPE, MODEL, STRANGER (of another node); NOT_FINITE, NOT_POSITIVE_DEFINITE, TOLERANCE,
+ *                              IMPLAUSIBLE and ARGUMENT: what it holds is no state; and those of start.
+ * name_record(node, recorder)  Empties the recorder and begins a record with the state; null ends it. ARGUMENT: no buffer; LENGTH: the
+ *                              beginning does not fit. Cost: copying and a CRC of every item.
  */
 #define MK_NODE(name, real, n, m, slots) MK_NODE_TYPE(name, real, n, m, slots, mk_rkfd_, MK_RKFD_STEP)
 
@@ -193,7 +207,7 @@ MK_DECLARE_NODE_CORE(f64)
     typedef struct {                                                                                                          \
         name##_filter_t filter;                                                                                               \
         mk_node_##real##_t node;                                                                                              \
-        uint32_t heard[slot_count]; /* step of the last frame of each neighbour; one more after an early estimate of one ahead */ \
+        uint32_t heard[slot_count]; /* of each neighbour: the step of its last frame; of one ahead, where it will be next */   \
         uint8_t seen[slot_count];   /* in this step: 0 not heard, 1 heard, 2 ahead */                                         \
     } name##_t;                                                                                                               \
     typedef mk_node_config_##real##_t name##_config_t;                                                                        \

@@ -11,12 +11,12 @@
  *     6      k   content; numbers in the node's own precision
  *     6 + k  4   CRC-32 of all before
  *
- * Recorded is every call that can change an estimate: readings, refused ones too; frames whose seal or checksum was good, whatever became of
- * them (others change nothing but counters); steps, advance, tolerance, restart. Not recorded: what is put into member `filter` past the
- * node object, such as innovations. Counters are those of the recorded calls.
+ * Recorded is every call that can change an estimate: readings, refused ones too; frames whose seal or checksum was good, whatever became
+ * of them (others change nothing but counters); steps, advance, tolerance, restart. Not recorded: what is put into member `filter` past
+ * the node object, such as innovations. A replay's counters are those of the recorded calls.
  *
- * Everything before a cut can be read. An item CONFIGURATION (or, from elsewhere, the same configuration) and an item STATE must come before
- * the rest. A further STATE says where a recorder was started again: where items were lost before it, the replay shows the gap.
+ * Everything before a cut can be read. An item CONFIGURATION (or, from elsewhere, the same configuration) and an item STATE must come
+ * before the rest. A further STATE says where a recorder was started again: where items were lost before it, the replay shows the gap.
  */
 #ifndef MESHKAL_RECORD_H
 #define MESHKAL_RECORD_H
@@ -41,15 +41,16 @@ enum {
 };
 
 /* Content of CONFIGURATION: n, m, slots, catch_up, patience (2 bytes each); bits of a number, MK_NUMBERS_ of its frames, with_model, flags
-   (1 byte each; flags 1: input, 2: gate, 4: foreign, 8: steady); model (4); for each slot its node (2), rows (1), foreign (1); then numbers: A, Q, input, x0, P0,
-   weight, C, F, S, R_inverse, tolerance; with a gate its thresholds for readings and for estimates; with foreign its limit; with a steady
-   part Phi, G, W, theta, trace_P, close and the period (2 bytes). */
+   (1 byte each; flags 1: input, 2: gate, 4: foreign, 8: steady); model (4); for each slot its node (2), rows (1), foreign (1); then
+   numbers: A, Q, input (with its flag), x0, P0, weight, C, F, S, R_inverse, tolerance; with a gate its thresholds for readings and for
+   estimates; with foreign its limit; with a steady part Phi, G, W, theta, trace_P, close and the period (2 bytes). */
 
+/* Bytes of an item beside its content. */
 #define MK_ITEM_OVERHEAD 10
 
-/* A bounded buffer for items, owned by the application. For a stream, take out the first `used` bytes and set used = 0 whenever you
-   like between calls. An item that does not fit closes the recorder: this and all later items are lost, until
-   name_record starts it again with the state of that moment. */
+/* A bounded buffer for items, owned by the application, which sets bytes, capacity and with_configuration. For a stream, take out
+   the first `used` bytes and set used = 0 whenever you like between calls. An item that does not fit closes the recorder: this and
+   all later items are lost, until name_record starts it again with the state of that moment. */
 typedef struct {
     uint8_t *bytes;
     size_t capacity, used;

@@ -28,13 +28,13 @@
  *     psi = Phi x + r + sum G_l y_l,     W, theta and P those of the limit.
  *
  * The filter enters this mode by itself, after a full step with all readings and the configuration's tolerance that has brought W close
- * to the limit: W is then put there, so the mode has the same bits however it was reached. Any other step is a full one: a reading missing or
- * given as innovation, another tolerance (set_tolerance), restart; it starts from W of the limit, and the filter comes back by itself. So
- * the slowest step is still the full one: what is saved is energy. A frozen step has no nis (nis_rows 0, nis 0: the long way costs more than
- * all the rest); after `period` of them one is full, which tells nis and looks whether W still belongs to this limit. `close` is how much of
- * the information may be neglected on entering: small values wait long after every loss, with large ones W says more than is known; over
- * random models the estimates were within 20 `close` standard deviations of those of a filter that never freezes. No steady part where A, C
- * or R change.
+ * to the limit: W is then put there, so the mode has the same bits however it was reached. Any other step is a full one: a reading
+ * missing or given as innovation, another tolerance (set_tolerance), restart; it starts from W of the limit, and the filter comes
+ * back by itself. So the slowest step is still the full one: what is saved is energy. A frozen step has no nis (nis_rows 0, nis 0:
+ * the long way costs more than all the rest); after `period` of them one is full, which tells nis and looks whether W still belongs
+ * to this limit. `close` is how much of the information may be neglected on entering: small values wait long after every loss, with
+ * large ones W says more than is known; over random models the estimates were within 20 `close` standard deviations of those of a
+ * filter that never freezes. No steady part where A, C or R change.
  *
  * Memory is the caller's, nothing is allocated; objects have no pointers into themselves and may be moved or copied between
  * calls. No function is re-entrant on one object; different objects are independent.

@@ -3,8 +3,10 @@
 
 #include <sodium.h>
 
-static int seal(void *context, const uint8_t nonce[12], const uint8_t *header, size_t header_length, uint8_t *text, size_t length, uint8_t tag[16]) {
-    return crypto_aead_chacha20poly1305_ietf_encrypt_detached(text, tag, NULL, text, length, header, header_length, NULL, nonce, context) == 0;
+static int seal(void *context, const uint8_t nonce[12], const uint8_t *header, size_t header_length, uint8_t *text, size_t length,
+                uint8_t tag[16]) {
+    return crypto_aead_chacha20poly1305_ietf_encrypt_detached(text, tag, NULL, text, length, header, header_length, NULL, nonce,
+                                                              context) == 0;
 }
 
 static int open(void *context, const uint8_t nonce[12], const uint8_t *header, size_t header_length, uint8_t *text, size_t length,

@@ -18,7 +18,6 @@ MK_F_T(mk_host_node) * MK_F(mk_host_node_open)(int n, int m, int slots) {
     const size_t N = (size_t)n, M = (size_t)m, L = (size_t)slots;
     size_t work = MK_NODE_WORK(N, M);
     if (work < MK_NODE_GATE_WORK(N, M)) work = MK_NODE_GATE_WORK(N, M);
-    if (work < MK_RKFD_WORK(N, M)) work = MK_RKFD_WORK(N, M);
     const size_t numbers = N + MK_PACKED(N) + L * (M + N) + work;
     /* Words before bytes, each type where it is aligned. */
     MK_F_T(node_head) *const head = mk_allocate(1, sizeof *head + numbers * sizeof(MK_REAL) + L * (sizeof(uint32_t) + 3));

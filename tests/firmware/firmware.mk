@@ -143,6 +143,8 @@ include tests/firmware/replay.mk
 # What firmware.sh reads. A table of the targets: name, emulator, prefix of the tools, its floating-point hardware.
 FIRMWARE_TABLE = $(foreach t,$(FIRMWARE_TARGETS),'$(t)|$(FIRMWARE_QEMU_$(t))|$(FIRMWARE_PREFIX_$(t))|$(if $(filter $(t),$(FIRMWARE_SINGLE)),single)$(if $(filter $(t),$(FIRMWARE_DOUBLE)),double)')
 
+TEST_ITEMS += sh:tests/firmware/firmware.sh
+TEST_NEEDS += firmware
 .PHONY: firmware test-firmware
 # The list is complete when the recipe runs: images that other files add count too.
 firmware: ## bare-metal images for six targets, build/firmware/TARGET/NAME.elf
@@ -150,6 +152,6 @@ firmware: ## bare-metal images for six targets, build/firmware/TARGET/NAME.elf
 	@printf '%s\n' $(FIRMWARE_TABLE) > $(FIRMWARE)/targets
 	@printf '%s\n' $(FIRMWARE_PLAN) > $(FIRMWARE)/plan
 
-test-firmware: firmware ## the images under emulation and their symbols; last line: N passed, N failed
+test-firmware: firmware ## the images under emulation and their symbols
 	@sh tests/firmware/firmware.sh $(BUILD) | tee $(FIRMWARE)/results
 	@awk '/^ok/ {good++} /^not ok/ {bad++} END {print good + 0 " passed, " bad + 0 " failed"; exit bad > 0 || good == 0}' $(FIRMWARE)/results

@@ -17,6 +17,7 @@ FUZZ_DRIVER := $(FUZZ_DIR)/generate.c tests/unit/generator.c
 FUZZ_NEEDS := $(FUZZ_SOURCES) $(FUZZ_DRIVER) $(wildcard $(FUZZ_DIR)/*.h tests/unit/*.h include/meshkal/*.h src/meshkal/*.h src/meshkal/*/*.h)
 FUZZ_LIBS := -llapacke -lsodium -lm
 FUZZ_TEST_PROGRAMS := $(BUILD)/fuzz/generate $(BUILD)/fuzz/generate-sanitized
+TEST_ITEMS += $(FUZZ_TEST_PROGRAMS)
 
 $(BUILD)/fuzz/generate: $(FUZZ_NEEDS)
 	@mkdir -p $(@D)

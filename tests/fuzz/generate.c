@@ -33,7 +33,8 @@ static size_t draw_numbers(generator_t *g, int format, int count, uint8_t *bytes
 
 static size_t draw_call(generator_t *g, unsigned settings, uint8_t *bytes) {
     static const uint8_t often[] = {CALL_FRAME, CALL_FRAME, CALL_FRAME, CALL_FRAME, CALL_FRAME, CALL_STEP, CALL_STEP, CALL_MEASURE};
-    const int kind = draw_chance(g, 0.9) ? often[draw_below(g, 8)] : draw_below(g, CALL_COUNT);
+    int kind = draw_chance(g, 0.9) ? often[draw_below(g, 8)] : draw_below(g, CALL_COUNT);
+    if (kind == CALL_STEP && settings & SETTING_STEADY && draw_chance(g, 0.7)) kind = CALL_WHOLE;
     size_t length = (size_t)draw_below(g, 60);
     bytes[0] = (uint8_t)kind;
     for (size_t i = 0; i < length; i++) bytes[2 + i] = (uint8_t)draw_bits(g);
@@ -78,6 +79,10 @@ int main(int count, char **arguments) {
         for (int changes = draw_below(&g, 8); changes > 0; changes--) program[draw_below(&g, (int)size)] = (uint8_t)draw_bits(&g);
         (void)LLVMFuzzerTestOneInput(program, size);
     }
-    printf("[  PASSED  ] 1 test: %ld programs, and as many with bytes changed\n", programs);
+    if (programs >= 1000 && frozen_steps < programs / 4) {
+        fprintf(stderr, "generate: only %ld steps with a frozen gain in %ld programs: its code is not fuzzed\n", frozen_steps, programs);
+        return 1;
+    }
+    printf("[  PASSED  ] 1 test: %ld programs, and as many with bytes changed; %ld steps with a frozen gain\n", programs, frozen_steps);
     return 0;
 }

@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: MIT */
-/* A node object that is handed whatever bytes there are: frames plain and sealed, recorded ones, saved states, records, and calls between them. One
-   input is a program: a byte of settings, then calls, each a byte of kind, a byte of length, and that many bytes. For libFuzzer
-   and for the generator of tests/fuzz/generate.c.
+/* A node object that is handed whatever bytes there are: frames plain and sealed, recorded ones, saved states, records, and calls between
+   them. One input is a program: a byte of settings, then calls, each a byte of kind, a byte of length, and that many bytes. For
+   libFuzzer and for the generator of tests/fuzz/generate.c.
 
    What must hold: a refused frame or state changes nothing but what the headers say; estimates are finite whatever was taken; a saved state
    can be restored and is saved again as the same bytes; every call returns. */
+#include <float.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -37,7 +38,8 @@ static uint8_t sum_of(const uint8_t nonce[12], const uint8_t *header, size_t hea
     return (uint8_t)(sum & 3u);
 }
 
-static int weak_seal(void *context, const uint8_t nonce[12], const uint8_t *header, size_t header_length, uint8_t *text, size_t length, uint8_t tag[16]) {
+static int weak_seal(void *context, const uint8_t nonce[12], const uint8_t *header, size_t header_length, uint8_t *text, size_t length,
+                     uint8_t tag[16]) {
     (void)context;
     memset(tag, 0, 16);
     tag[0] = sum_of(nonce, header, header_length, text, length);
@@ -49,6 +51,8 @@ static int weak_open(void *context, const uint8_t nonce[12], const uint8_t *head
     (void)context;
     return (tag[0] & 3u) == sum_of(nonce, header, header_length, text, length);
 }
+
+long frozen_steps;
 
 static const mk_aead_t weak = {weak_seal, weak_open, NULL};
 

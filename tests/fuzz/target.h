@@ -7,7 +7,8 @@
 #include <stdint.h>
 
 /* Bits of the first byte. */
-enum { SETTING_WIDE = 1, SETTING_GATE = 2, SETTING_FOREIGN = 4, SETTING_SEALED = 8, SETTING_MODEL = 16, SETTING_RECORD = 32 };
+enum { SETTING_WIDE = 1, SETTING_GATE = 2, SETTING_FOREIGN = 4, SETTING_SEALED = 8, SETTING_MODEL = 16, SETTING_RECORD = 32,
+       SETTING_STEADY = 64 /* not with FOREIGN */ };
 
 enum {
     CALL_BYTES,       /* accept of these bytes */
@@ -24,8 +25,12 @@ enum {
     CALL_WRONG_ORDER, /* incremental or diffuse, what is not next */
     CALL_RESTART,
     CALL_TOLERANCE,
+    CALL_WHOLE,       /* ends a step, and begins one with readings in all slots: what a frozen gain needs */
     CALL_COUNT
 };
+
+/* Steps with a frozen gain so far. */
+extern long frozen_steps;
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 

@@ -14,6 +14,40 @@ static void V(sane)(const V(bench_t) * b) {
     for (int i = 0; i < SLOTS * 6; i++) MUST(isfinite(b->S[i]));
     for (int l = 0; l < SLOTS; l++) MUST(b->node.filter.have_y[l] <= 2 && b->node.filter.have_psi[l] <= 1 && b->node.seen[l] <= 2);
     MUST(b->node.filter.core.stage == 1 || b->node.filter.core.stage == 2);
+    const MK_T(mk_rkfd_steady) *const steady = b->config.filter.steady;
+    MUST(!b->node.filter.core.steady || (steady && memcmp(b->node.filter.W, steady->W, sizeof b->node.filter.W) == 0));
+    for (int i = 0; i < N && b->node.filter.core.stage == 2; i++) MUST(isfinite(b->node.filter.psi[i]));
+}
+
+/* Stage 1 with readings in all slots: numbers from -8 to 8, then zeros; now and then as large as they can be. */
+static mk_status_t V(whole)(V(bench_t) * b, const uint8_t *data, size_t size) {
+    const REAL scale = size > 0 && data[size - 1] > 240 ? (BITS == 64 ? (REAL)DBL_MAX : (REAL)FLT_MAX) / (REAL)128.0 : (REAL)0.0625;
+    for (int l = 0; l < SLOTS; l++) {
+        REAL y[M] = {(REAL)0.0};
+        for (size_t r = 0, i = (size_t)l * M; r < M && i + r < size; r++) y[r] = (REAL)(int8_t)data[i + r] * scale;
+        if (!b->node.filter.have_y[l]) MUST(UNIT(filter_put_measurement)(&b->node.filter, l, y) == MK_OK);
+    }
+    const mk_status_t status = UNIT(incremental)(&b->node);
+    frozen_steps += status == MK_OK && b->node.filter.core.frozen;
+    return status;
+}
+
+/* A gain that is frozen from nearly anywhere, with the limit of W found by running; the gain itself is any. */
+static void V(freeze)(V(bench_t) * b) {
+    static V(bench_t) other;
+    static REAL limit[6];
+    static MK_T(mk_rkfd_steady) steady;
+    if (!steady.W) {
+        V(bench_start)(&other, 10, 11, 12, 13);
+        for (int t = 0; t < 60; t++) {
+            MUST(V(whole)(&other, NULL, 0) == MK_OK);
+            MUST(UNIT(diffuse)(&other.node) == MK_OK);
+        }
+        memcpy(limit, other.node.filter.W, sizeof limit);
+        const MK_T(mk_rkfd_steady) made = {other.A, other.F, limit, (REAL)0.125, (REAL)1.0, (REAL)10.0, 3};
+        steady = made;
+    }
+    b->config.filter.steady = &steady;
 }
 
 /* One frame by either way in. */
@@ -42,7 +76,8 @@ static void V(frame_in)(V(fuzzed_t) * f, const uint8_t *bytes, size_t length, in
         return;
     }
     before.b.node.node.counts[status]++;
-    if (status == MK_ERROR_LATE || status == MK_ERROR_AHEAD || status == MK_ERROR_REPEATED || status == MK_ERROR_NOT_FINITE || status == MK_ERROR_IMPLAUSIBLE) {
+    if (status == MK_ERROR_LATE || status == MK_ERROR_AHEAD || status == MK_ERROR_REPEATED || status == MK_ERROR_NOT_FINITE ||
+        status == MK_ERROR_IMPLAUSIBLE) {
         memcpy(before.b.node.heard, f->b.node.heard, sizeof before.b.node.heard);
         memcpy(before.b.node.seen, f->b.node.seen, sizeof before.b.node.seen);
     }
@@ -66,6 +101,7 @@ static void V(restore)(V(fuzzed_t) * f, const uint8_t *bytes, size_t length) {
     const size_t size = UNIT(save)(&f->b.node, first);
     MUST(size > 0 && size <= sizeof first && size == length);
     V(bench_make)(&other, 10, 11, 12, 13);
+    other.config.filter.steady = f->b.config.filter.steady;
     if (f->b.config.foreign) {
         memcpy(other.is_foreign, f->b.is_foreign, sizeof other.is_foreign);
         other.config.foreign = &other.foreign;
@@ -122,12 +158,17 @@ static void V(call)(V(fuzzed_t) * f, int kind, const uint8_t *data, size_t size)
         if (status != MK_OK) MUST(UNIT(restart)(node, f->b.x0, f->b.P0) == MK_OK);
         break;
     }
+    case CALL_WHOLE:
+        if (second && UNIT(diffuse)(node) != MK_OK) MUST(UNIT(restart)(node, f->b.x0, f->b.P0) == MK_OK);
+        if (V(whole)(&f->b, data, size) != MK_OK) MUST(UNIT(restart)(node, f->b.x0, f->b.P0) == MK_OK);
+        break;
     case CALL_RESTART: MUST(UNIT(restart)(node, f->b.x0, f->b.P0) == MK_OK); break;
     case CALL_TOLERANCE: (void)UNIT(set_tolerance)(node, size ? (REAL)(int8_t)data[0] / (REAL)1000.0 : (REAL)NAN); break;
     case CALL_WRONG_ORDER: MUST((second ? UNIT(incremental)(node) : UNIT(diffuse)(node)) == MK_ERROR_ORDER); break;
     case CALL_ADVANCE: {
         const mk_status_t status = UNIT(advance)(node, node->node.step + (size ? data[0] % 9u : 0u));
-        if (status != MK_OK && status != MK_ERROR_ORDER && status != MK_ERROR_ARGUMENT) MUST(UNIT(restart)(node, f->b.x0, f->b.P0) == MK_OK);
+        if (status != MK_OK && status != MK_ERROR_ORDER && status != MK_ERROR_ARGUMENT)
+            MUST(UNIT(restart)(node, f->b.x0, f->b.P0) == MK_OK);
         break;
     }
     case CALL_SEND:
@@ -184,6 +225,8 @@ static void V(run)(unsigned settings, const uint8_t *data, size_t size) {
         f.b.is_foreign[1] = f.b.is_foreign[3] = 1;
         f.b.foreign.limit = settings & SETTING_GATE ? (REAL)1e4 : (REAL)0.0;
         f.b.config.foreign = &f.b.foreign;
+    } else if (settings & SETTING_STEADY) {
+        V(freeze)(&f.b);
     }
     f.b.config.with_model = (settings & SETTING_MODEL) != 0;
     MUST(UNIT(start)(&f.b.node, &f.b.config) == MK_OK);

@@ -30,26 +30,26 @@ $(BUILD)/sanitize/meshkal $(HOST_SANE_PARTS): host-sanitize
 
 # --- tests of C functions --------------------------------------------------------------------------------------------------
 
-$(HOST_PLAIN)/test_%: $(HOST_TEST)/test_%.c $(HOST_PARTS) $(wildcard port/host/*.h tools/meshkal/*.h tools/meshkal/*/*.h)
+$(HOST_PLAIN)/test_%: $(HOST_TEST)/test_%.c $(HOST_PARTS) $(wildcard $(HOST_TEST)/*.h port/host/*.h tools/meshkal/*.h tools/meshkal/*/*.h)
 	@mkdir -p $(@D)
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $(HOST_INCLUDE) $< $(HOST_PARTS) $(HOST_TEST_LIBS) -o $@
 
-$(HOST_SANE)/test_%: $(HOST_TEST)/test_%.c $(HOST_SANE_PARTS) $(wildcard port/host/*.h tools/meshkal/*.h tools/meshkal/*/*.h)
+$(HOST_SANE)/test_%: $(HOST_TEST)/test_%.c $(HOST_SANE_PARTS) $(wildcard $(HOST_TEST)/*.h port/host/*.h tools/meshkal/*.h tools/meshkal/*/*.h)
 	@mkdir -p $(@D)
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $(SANITIZE) $(HOST_INCLUDE) $< $(HOST_SANE_PARTS) $(HOST_TEST_LIBS) -o $@
 
-# The seal for targets.
+# Both seals: that for targets, too.
 HOST_SANITIZE = $(if $(filter $(HOST_SANE)/%,$@),$(SANITIZE))
+HOST_AEAD_SOURCES := $(HOST_TEST)/test_aead.c port/monocypher/aead_monocypher.c port/host/aead_sodium.c port/host/error.c src/meshkal/meshkal.c
 $(HOST_PLAIN)/monocypher.o $(HOST_SANE)/monocypher.o: $(MONOCYPHER)/monocypher.c Makefile
 	@mkdir -p $(@D)
 	@$(CC) $(CFLAGS) $(HOST_SANITIZE) -c $< -o $@
-$(HOST_PLAIN)/test_aead_monocypher $(HOST_SANE)/test_aead_monocypher: %/test_aead_monocypher: $(HOST_TEST)/test_aead_monocypher.c \
-		port/monocypher/aead_monocypher.c port/host/aead_sodium.c port/host/error.c %/monocypher.o \
-		port/monocypher/aead_monocypher.h port/host/aead_sodium.h include/meshkal/frame.h
+$(HOST_PLAIN)/test_aead $(HOST_SANE)/test_aead: %/test_aead: $(HOST_AEAD_SOURCES) %/monocypher.o \
+		port/monocypher/aead_monocypher.h port/host/aead_sodium.h $(wildcard include/meshkal/*.h src/meshkal/*.h src/meshkal/*/*.h)
 	@echo "  LD $@"
-	@$(CC) $(CFLAGS) $(HOST_SANITIZE) $(HOST_INCLUDE) $(MONOCYPHER_INCLUDE) $(filter %.c %.o,$^) -lcmocka -lsodium -o $@
+	@$(CC) $(CFLAGS) $(HOST_SANITIZE) $(HOST_INCLUDE) $(MONOCYPHER_INCLUDE) $(filter %.c %.o,$^) -lcmocka -lsodium -lm -o $@
 
 # --- generated headers -----------------------------------------------------------------------------------------------------
 
@@ -125,6 +125,7 @@ $(HOST_NETWORKS:%=$(HOST_PLAIN)/header-%-shared): $(HOST_PLAIN)/header-%-shared:
 HOST_C_TESTS := $(patsubst $(HOST_TEST)/%.c,%,$(filter-out %/test_header.c,$(wildcard $(HOST_TEST)/test_*.c)))
 HOST_TEST_PROGRAMS := $(foreach d,$(HOST_PLAIN) $(HOST_SANE),$(HOST_C_TESTS:%=$(d)/%) $(HOST_NETWORKS:%=$(d)/header-%-shared)) \
   $(HOST_NETWORKS:%=$(HOST_PLAIN)/header-%-unrolled) $(HOST_CLANG)
+TEST_ITEMS += $(HOST_TEST_PROGRAMS)
 
 .PHONY: test-host-c
 test-host-c: $(HOST_TEST_PROGRAMS)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* A node of firmware, unrolled and typed, that lives through everything and is recorded; test_replay.c includes this once for each precision. */
+/* A node of firmware, unrolled and typed, that lives through everything and is recorded; replay.h includes this once for each precision. */
 
 typedef struct {
     MK_REAL A[N * N], Q[PACKED_N], r[N], x0[N], P0[PACKED_N], weight[SLOTS], C[SLOTS * M * N], F[SLOTS * M * N], S[SLOTS * PACKED_N];

@@ -1,17 +1,15 @@
 # SPDX-License-Identifier: MIT
 """`meshkal fit`: c, tests and blocks against an evaluation with SciPy, coverage through the program, the filters' tables against a log, and
 what it says of data that do not fit. The statistics of the numbers themselves are in test_mismatch."""
-import io
 import json
 
-import cbor2
 import numpy as np
 import pytest
+from logs import log as read_log
 from scipy import special, stats
 
 from test_mismatch import law, null_law, sample_c
 
-TYPES = {86: "<f8", 85: "<f4", 70: "<u4", 64: "u1"}  # RFC 8746
 # Nothing diagonal, nodes of one, two and three rows.
 MIXED = {"name": "mixed",
          "model": {"A": [[0.9, 0.2], [-0.1, 0.8]], "Q": [[0.5, 0.2], [0.2, 0.4]], "input": [0.3, -0.1], "x0": [1, 2], "position_states": [0, 1]},
@@ -176,20 +174,9 @@ def test_heavy_tails_are_told(fit):
 
 # --- the simulator's own data, and its filters -----------------------------------------------------------------------
 
-def typed(decoder, tag):
-    return np.frombuffer(tag.value, TYPES[tag.tag]) if tag.tag in TYPES else tag
-
-
-def read_log(data):
-    stream, items = io.BytesIO(data), []
-    while stream.tell() < len(data):
-        items.append(cbor2.load(stream, tag_hook=typed))
-    return items[0], items[1:-1]
-
-
 def simulated(run, path, *options):
     """States and readings of a log, node by node; the log's items."""
-    header, items = read_log(run("simulate", path, "--out", "-", *options).stdout)
+    header, items, _ = read_log(run("simulate", path, "--out", "-", *options).stdout)
     flat = np.array([i["measurements"] for i in items])
     return np.array([i["truth"] for i in items]), np.split(flat, np.cumsum(header["rows"])[:-1], axis=1), items
 
@@ -224,7 +211,7 @@ def test_filter_tables(run, fit, tmp_path, lost):
         assert g["tolerance"] == (f["tolerance"] if g["filter"] == "rkfdnu2" else 0)
         log = run("simulate", tmp_path / "s.json", "--filter", g["filter"], "--measurements", tmp_path / "y.csv", "--truth", tmp_path / "x.csv",
                   "--tolerance", repr(f["tolerance"]), "--out", "-").stdout
-        _, items = read_log(log)
+        _, items, _ = read_log(log)
         items = items[60:]
         E = len(g["nis"])
         assert E == (1 if g["filter"] == "kfc" else 3)

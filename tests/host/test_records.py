@@ -1,17 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Records of simulated nodes and `meshkal replay`: the same bits, and what is said of records that are cut, damaged, changed or foreign. Items are read here
 with struct and zlib."""
-import io
 import json
 import pathlib
 import struct
 import zlib
 
-import cbor2
 import numpy as np
 import pytest
+from logs import log as read_log
 
-TYPES = {86: "<f8", 85: "<f4", 70: "<u4", 64: "u1"}  # RFC 8746
 CONFIGURATION, STATE, MEASURE, FRAME, INCREMENTAL, DIFFUSE, ADVANCE, TOLERANCE, RESTART = range(1, 10)
 MIXED = pathlib.Path(__file__).with_name("mixed.json")
 SIZES = {"float32": 4, "float64": 8}
@@ -40,13 +38,6 @@ def flipped(data, index, byte, bit=0):
     other = bytearray(content)
     other[byte] ^= 1 << bit
     return data[:at] + item(kind, status, bytes(other)) + data[at + 10 + len(content):]
-
-
-def steps_of(log):
-    stream, found = io.BytesIO(log), []
-    while stream.tell() < len(log):
-        found.append(cbor2.load(stream, tag_hook=lambda _, tag: np.frombuffer(tag.value, TYPES[tag.tag]) if tag.tag in TYPES else tag))
-    return found[0], found[1:-1]
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +87,7 @@ def replay(run, tmp_path_factory):
 def test_equal(recorded, replay, projectile, real, network, options):
     path = projectile if network == "projectile" else MIXED
     place, log = recorded("--steps", 60, "--real", real, *options, path=path)
-    header, steps = steps_of(log)
+    header, steps, _ = read_log(log)
     nodes, n = header["nodes"], header["states"]
     assert sorted(p.name for p in place.iterdir()) == [f"node_{k:02d}.record" for k in range(nodes)]
     base = 0
@@ -114,7 +105,7 @@ def test_equal(recorded, replay, projectile, real, network, options):
         assert summary["frames"] == ({"MK_OK": heard} if heard else {})
         # What the record says is what the log says: x of a step is the estimate of the next.
         found = items(data)
-        x = [np.frombuffer(c[4:], TYPES[86 if real == "float64" else 85]) for kind, _, c, _ in found if kind == DIFFUSE]
+        x = [np.frombuffer(c[4:], "<f8" if real == "float64" else "<f4") for kind, _, c, _ in found if kind == DIFFUSE]
         for t in range(59):
             assert x[t].tobytes() == steps[t + 1]["estimate"].reshape(nodes, n)[k].tobytes()
         if "--frozen" in options and k == nodes - 1:
@@ -159,15 +150,19 @@ def test_missing_readings(run, replay, projectile, tmp_path):
     assert summary["readings"] == sum(t % 3 > 0 for t in range(20)) and summary["differences"] == 0
 
 
-def test_failing_node(run, replay, tmp_path):
-    """A node that fails in the simulation: its record ends with the call that failed, and the replay fails alike."""
-    scenario = {"model": {"A": [[3.0, 0.0], [0.0, 0.5]], "Q": [[1, 0], [0, 1]]}, "nodes": [{"C": [[0.0, 1.0]], "R": [[0.5]]}] * 2, "edges": [[0, 1]], "tolerance": 0.0}
+def test_failing_filter(run, replay, tmp_path):
+    """The simulation ends where a filter fails. The node object goes on: readings dropped, x kept; and so does the replay."""
+    scenario = {"model": {"A": [[3.0, 0.0], [0.0, 0.5]], "Q": [[1, 0], [0, 1]]}, "nodes": [{"C": [[0.0, 1.0]], "R": [[0.5]]}] * 2,
+                "edges": [[0, 1]], "tolerance": 0.0}
     (tmp_path / "s.json").write_text(json.dumps(scenario))
     done = run("simulate", tmp_path / "s.json", "--filter", "kfd", "--real", "float32", "--steps", 500, "--record", tmp_path / "records", status=1)
     assert b"node 0: MK_ERROR" in done.stderr
     record = tmp_path / "records" / "node_00.record"
-    kind, status, content, _ = items(record.read_bytes())[-1]
-    assert (kind, content) == (INCREMENTAL, b"") and status != 0
+    found = items(record.read_bytes())
+    x = [np.frombuffer(content[4:], "<f4") for kind, _, content, _ in found if kind == DIFFUSE]
+    psi = [np.frombuffer(content, "<f4") for kind, _, content, _ in found if kind == INCREMENTAL]
+    assert found[-1][:2] == (INCREMENTAL, 0) and len(psi) == len(x) + 1
+    assert (psi[-1] == [3 * x[-1][0], 0.5 * x[-1][1]]).all() and psi[-2][1] != 0.5 * x[-2][1]
     assert replay(record)[1]["differences"] == 0
 
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Runs as files and streams: repeatable, interruptible, fed with recorded data. The numbers themselves are compared with an
 independent reference in tests/reference."""
-import io
 import json
 import os
 import resource
@@ -9,34 +8,11 @@ import signal
 import subprocess
 import time
 
-import cbor2
 import numpy as np
 import pytest
+from logs import items, log
 
-TYPES = {86: "<f8", 85: "<f4", 70: "<u4", 64: "u1"}  # RFC 8746
 ONE = {"model": {"A": [[0.9]], "Q": [[0.2]]}, "nodes": [{"C": [[1.0]], "R": [[0.5]]}], "edges": [], "tolerance": 0.05}
-
-
-def typed(decoder, tag):
-    return np.frombuffer(tag.value, TYPES[tag.tag]) if tag.tag in TYPES else tag
-
-
-def items(data):
-    """(item, end of its bytes) of every whole item, and whether something is left of a cut one."""
-    stream, found = io.BytesIO(data), []
-    while stream.tell() < len(data):
-        try:
-            found.append((cbor2.load(stream, tag_hook=typed), stream.tell()))
-        except cbor2.CBORDecodeEOF:
-            return found, True
-    return found, False
-
-
-def log(data):
-    """Header, step items, end item of a whole log."""
-    found, cut = items(data)
-    assert not cut
-    return found[0][0], [item for item, _ in found[1:-1]], found[-1][0]
 
 
 def steps_of(data):

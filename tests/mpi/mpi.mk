@@ -3,6 +3,7 @@
 # MPI_TEST_PROGRAMS need no arguments. The pytest tests of this folder run with MESHKAL=$(BUILD)/meshkal and use meshkal-mpi beside it.
 
 MPI_TEST_PROGRAMS := $(HOST_PLAIN)/test_partition $(HOST_SANE)/test_partition
+TEST_ITEMS += $(MPI_TEST_PROGRAMS)
 MPI_TEST_SOURCES := tests/mpi/test_partition.c tools/meshkal-mpi/partition.c
 
 $(MPI_TEST_PROGRAMS): tools/meshkal-mpi/partition.h tools/meshkal/simulation/division.h

@@ -7,11 +7,13 @@ MESHKAL_REQUIRED  1: a missing program is a failure. Otherwise the tests are ski
 import json
 import os
 import pathlib
+import socket
 import subprocess
+import time
 
 import pytest
 from fabric import Fabric, Unavailable
-from nodes import Bench, World
+from nodes import PERIOD, Bench, World, port
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
@@ -58,3 +60,33 @@ def draw(program):
 @pytest.fixture
 def world(draw):
     return lambda nodes, steps, **options: World(draw(nodes, **options), steps)
+
+
+@pytest.fixture
+def pair(bench, draw):
+    """Two nodes that are neighbours, with their ports; start(k, **more) starts one."""
+    class Pair:
+        scenario = draw(2, density=2)
+        ports = [port(), port()]
+
+        def settings(self, k, **more):
+            base = {"scenario": "net.json", "node": k, "real": "float32", "clock": {"period_ms": PERIOD}, "listen": f"127.0.0.1:{self.ports[k]}",
+                    "peers": {str(1 - k): f"127.0.0.1:{self.ports[1 - k]}"}, "readings": "-", "telemetry": f"{k}.cbor"}
+            return base | more
+
+        def start(self, k, again="", env=None, **more):
+            node = bench.start(k, self.settings(k, **more), again=again, env=env)
+            time.sleep(0.05)
+            return node
+
+        def neighbour(self, k):
+            """The socket of node k, held by the test."""
+            s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            s.bind(("127.0.0.1", self.ports[k]))
+            s.settimeout(2)
+            return s
+
+    made = Pair()
+    bench.write("net.json", made.scenario)
+    made.folder, made.bench = bench.folder, bench
+    return made

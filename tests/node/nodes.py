@@ -3,14 +3,19 @@
 import json
 import pathlib
 import re
+import signal
 import socket
+import struct
 import subprocess
 import time
+import zlib
 
 import cbor2
 import numpy as np
 from fabric import die_with_parent
 
+PERIOD = 20  # ms, of the tests of one node or two
+KEY = "00112233445566778899aabbccddeeff" * 2
 DTYPES = {64: "u1", 70: "<u4", 85: "<f4", 86: "<f8"}
 
 
@@ -154,3 +159,17 @@ def wait_until(true, timeout, what):
     while not true():
         assert time.monotonic() < end, f"after {timeout} s not yet: {what}"
         time.sleep(0.01)
+
+
+def frame(stage, node, model, step, numbers, version=1):
+    """A plain frame of float32 numbers, made here."""
+    body = struct.pack("<BBHII", version, stage, node, model, step & 0xFFFFFFFF) + struct.pack(f"<{len(numbers)}f", *numbers)
+    return body + struct.pack("<I", zlib.crc32(body))
+
+
+def report_now(node):
+    """A report asked for by signal."""
+    before = node.said().count("telemetry items")
+    node.process.send_signal(signal.SIGUSR1)
+    wait_until(lambda: node.said().count("telemetry items") > before and node.said().endswith("\n"), 3, "a report")
+    return node.report()

@@ -7,11 +7,10 @@ import subprocess
 
 import jsonschema
 import pytest
-from nodes import port
+from nodes import KEY, port
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SCHEMA = json.loads((ROOT / "tools" / "meshkal-node" / "settings.schema.json").read_text())
-KEY = "00112233445566778899aabbccddeeff" * 2
 
 
 @pytest.fixture(scope="module")

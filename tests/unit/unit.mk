@@ -21,6 +21,7 @@ UNIT_SANITIZE := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=all -
 
 UNIT_PLAIN_PROGRAMS := $(UNIT_TESTS:%=$(BUILD)/test/unit_%) $(BUILD)/test/unit_include_all
 UNIT_SANITIZE_PROGRAMS := $(UNIT_TESTS:%=$(BUILD)/test-sanitize/unit_%) $(BUILD)/test-sanitize/unit_include_all
+TEST_ITEMS += $(UNIT_PLAIN_PROGRAMS) $(UNIT_SANITIZE_PROGRAMS)
 
 # $(1): directory below BUILD, $(2): flags after CFLAGS
 define UNIT_RULES

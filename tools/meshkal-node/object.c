@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "distributions.h"
+#include "host_node.h"
 #include "scenario_read.h"
 
 #define MK_BITS 32

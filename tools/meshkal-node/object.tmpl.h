@@ -6,50 +6,29 @@ typedef struct {
     const int *position;
     MK_F_T(mk_node_config) config;
     MK_F_T(mk_node_gate) gate;
-    MK_F_T(mk_rkfd) core;
-    MK_F_T(mk_node) node;
-    MK_F_T(mk_node_view) view;
-    MK_REAL *numbers; /* one block for all of the view's, and the gate's */
+    MK_F_T(mk_host_node) * host;
+    const MK_F_T(mk_node_view) * view; /* the host's */
+    MK_REAL *threshold;
     uint16_t *nodes;
-    uint8_t *flags;
     mk_secure_t secure;
     mk_moment_t moment;
 } MK_F(object);
 
-/* Numbers that accept, frame, the steps and the gate need, whichever is most. */
-static size_t MK_F(work_size)(int n, int m) {
-    const int node = MK_NODE_WORK(n, m), gate = MK_NODE_GATE_WORK(n, m);
-    return (size_t)(node > gate ? node : gate);
-}
-
-static void MK_F(put_gate)(MK_F(object) * o, const mk_object_facts_t *facts, MK_REAL *threshold) {
-    for (int l = 0; l < o->slots; l++)
-        threshold[l] = facts->gate_reading > 0.0 ? (MK_REAL)mk_chi_square_quantile(facts->gate_reading, o->config.filter.rows[l]) : MK_R(0.0);
-    o->gate.reading = threshold;
+static void MK_F(put_gate)(MK_F(object) * o, const mk_object_facts_t *facts) {
+    if (!(facts->gate_reading > 0.0) && !(facts->gate_estimate > 0.0)) return;
+    o->threshold = mk_allocate((size_t)o->slots, sizeof *o->threshold);
+    for (int l = 0; facts->gate_reading > 0.0 && l < o->slots; l++)
+        o->threshold[l] = (MK_REAL)mk_chi_square_quantile(facts->gate_reading, o->config.filter.rows[l]);
+    o->gate.reading = o->threshold;
     o->gate.estimate = (MK_REAL)facts->gate_estimate;
     o->gate.patience = (uint16_t)facts->patience;
-    if (facts->gate_reading > 0.0 || facts->gate_estimate > 0.0) o->config.gate = &o->gate;
+    o->config.gate = &o->gate;
 }
 
-static void MK_F(put_view)(MK_F(object) * o, const mk_object_facts_t *facts) {
-    const size_t n = (size_t)o->n, m = (size_t)o->m, slots = (size_t)o->slots;
-    o->numbers = mk_allocate(n + MK_PACKED(n) + slots * (m + n + 1) + MK_F(work_size)(o->n, o->m), sizeof *o->numbers);
-    o->flags = mk_allocate(3 * slots, 1);
-    MK_F_T(mk_rkfd_view) *const filter = &o->view.filter;
-    filter->core = &o->core;
-    filter->x = o->numbers;
-    filter->W = filter->x + n;
-    filter->y = filter->W + MK_PACKED(n);
-    filter->psi = filter->y + slots * m;
-    MK_F(put_gate)(o, facts, filter->psi + slots * n);
-    filter->work = filter->psi + slots * (n + 1);
-    filter->have_y = o->flags;
-    filter->have_psi = o->flags + slots;
-    o->view.seen = o->flags + 2 * slots;
-    o->view.heard = mk_allocate(slots, sizeof *o->view.heard);
-    o->view.node = &o->node;
-    o->secure.window = mk_allocate(slots, sizeof *o->secure.window);
-    o->secure.capacity = (uint16_t)(8 * MK_NODE_NUMBERS(o->n, o->m) < 65535 ? 8 * MK_NODE_NUMBERS(o->n, o->m) : 65535);
+static void MK_F(put_secure)(MK_F(object) * o) {
+    const size_t most = sizeof(double) * (size_t)MK_NODE_NUMBERS(o->n, o->m);
+    o->secure.window = mk_allocate((size_t)o->slots, sizeof *o->secure.window);
+    o->secure.capacity = (uint16_t)(most < UINT16_MAX ? most : UINT16_MAX);
     o->secure.text = mk_allocate(o->secure.capacity, 1);
 }
 
@@ -69,7 +48,10 @@ static void *MK_F(open)(const mk_scenario_t *s, const mk_object_facts_t *facts) 
     o->config.model = mk_scenario_model(s);
     o->config.catch_up = (uint16_t)facts->catch_up;
     o->config.numbers = (uint8_t)facts->numbers;
-    MK_F(put_view)(o, facts);
+    MK_F(put_gate)(o, facts);
+    MK_F(put_secure)(o);
+    o->host = MK_F(mk_host_node_open)(o->n, o->m, o->slots);
+    o->view = &o->host->view;
     o->moment.seen = mk_snapshot_make(&MK_NETWORK, 1, s);
     o->moment.y = mk_allocate((size_t)(o->slots * o->m), sizeof *o->moment.y);
     o->moment.have_y = mk_allocate(2 * (size_t)o->slots, 1);
@@ -83,65 +65,58 @@ static void MK_F(close)(void *object) {
     mk_snapshot_free(&o->moment.seen);
     free(o->moment.y);
     free(o->moment.have_y);
-    free(o->numbers);
+    free(o->host);
+    free(o->threshold);
     free(o->nodes);
-    free(o->flags);
-    free(o->view.heard);
     free(o->secure.window);
     free(o->secure.text);
     free(o);
 }
 
-static size_t MK_F(blob_max)(const void *object) {
-    const MK_F(object) *o = object;
-    return (size_t)MK_NODE_BLOB((int)sizeof(MK_REAL), o->n, o->m, o->slots);
-}
+static size_t MK_F(blob_max)(const void *object) { return ((const MK_F(object) *)object)->host->blob_most; }
 
-static size_t MK_F(frame_max)(const void *object) {
-    const MK_F(object) *o = object;
-    return MK_FRAME_SEALED + sizeof(MK_REAL) * (size_t)MK_NODE_NUMBERS(o->n, o->m);
-}
+static size_t MK_F(frame_max)(const void *object) { return ((const MK_F(object) *)object)->host->frame_most; }
 
 static mk_status_t MK_F(start)(void *object) {
     MK_F(object) *o = object;
-    return MK_F(mk_node_start)(o->n, o->m, o->slots, &o->view, &o->config);
+    return MK_F(mk_node_start)(o->n, o->m, o->slots, o->view, &o->config);
 }
 
 static mk_status_t MK_F(restore)(void *object, const uint8_t *blob, size_t length) {
     MK_F(object) *o = object;
-    return MK_F(mk_node_restore)(o->n, o->m, o->slots, &o->view, &o->config, blob, length);
+    return MK_F(mk_node_restore)(o->n, o->m, o->slots, o->view, &o->config, blob, length);
 }
 
 static mk_status_t MK_F(secure)(void *object, const mk_aead_t *aead, uint64_t sequence) {
     MK_F(object) *o = object;
     o->secure.aead = aead;
     o->secure.sequence = sequence;
-    return MK_F(mk_node_secure)(&o->view, &o->secure, o->slots);
+    return MK_F(mk_node_secure)(o->view, &o->secure, o->slots);
 }
 
 static mk_status_t MK_F(measure)(void *object, const double *y) {
     MK_F(object) *o = object;
     MK_REAL values[MK_LARGEST_STATE];
     for (int r = 0; r < o->config.filter.rows[0]; r++) values[r] = (MK_REAL)y[r];
-    return MK_F(mk_node_measure)(o->n, o->m, &o->view, values);
+    return MK_F(mk_node_measure)(o->n, o->m, o->view, values);
 }
 
 static size_t MK_F(frame)(void *object, int stage, uint8_t *bytes) {
     MK_F(object) *o = object;
-    return MK_F(mk_node_frame)(o->n, o->m, &o->view, stage, bytes);
+    return MK_F(mk_node_frame)(o->n, o->m, o->view, stage, bytes);
 }
 
 static mk_status_t MK_F(accept)(void *object, const uint8_t *bytes, size_t length) {
     MK_F(object) *o = object;
-    return MK_F(mk_node_accept)(o->n, o->m, o->slots, &o->view, bytes, length);
+    return MK_F(mk_node_accept)(o->n, o->m, o->slots, o->view, bytes, length);
 }
 
 /* What belongs to the time before the step. */
 static void MK_F(look_before)(MK_F(object) * o) {
     MK_REAL *estimate = o->moment.seen.estimate, *trace = o->moment.seen.trace_covariance, *block = o->moment.seen.position_covariance;
     MK_REAL V[MK_PACKED(MK_LARGEST_STATE)];
-    memcpy(estimate, o->view.filter.x, (size_t)o->n * sizeof *estimate);
-    if (MK_F(mk_rkfd_covariance)(o->n, &o->view.filter, V) != MK_OK) memset(V, 0, sizeof V);
+    memcpy(estimate, o->view->filter.x, (size_t)o->n * sizeof *estimate);
+    if (MK_F(mk_rkfd_covariance)(o->n, &o->view->filter, V) != MK_OK) memset(V, 0, sizeof V);
     *trace = MK_R(0.0);
     for (int i = 0; i < o->n; i++) *trace += V[MK_AT(i, i)];
     for (int i = 0; i < o->positions; i++)
@@ -151,57 +126,69 @@ static void MK_F(look_before)(MK_F(object) * o) {
         }
 }
 
+/* Those that are used: some may have been dropped. */
+static void MK_F(look_at_readings)(MK_F(object) * o) {
+    const MK_F_T(mk_rkfd_view) *const filter = &o->view->filter;
+    for (int l = 0; l < o->slots; l++) {
+        o->moment.have_y[l] = filter->have_y[l] != 0;
+        for (int r = 0, i = l * o->m; r < o->m; r++, i++)
+            o->moment.y[i] = filter->have_y[l] && r < o->config.filter.rows[l] ? (double)filter->y[i] : (double)NAN;
+    }
+}
+
 static mk_status_t MK_F(incremental)(void *object) {
     MK_F(object) *o = object;
     MK_F(look_before)(o);
     /* In two parts, because the readings that are used are known between them only. */
-    if (o->config.gate) MK_F(mk_node_judge_readings)(o->n, o->m, o->slots, &o->view);
-    for (int l = 0; l < o->slots; l++) {
-        o->moment.have_y[l] = o->view.filter.have_y[l] != 0;
-        for (int r = 0; r < o->m; r++)
-            o->moment.y[l * o->m + r] = o->moment.have_y[l] && r < o->config.filter.rows[l] ? (double)o->view.filter.y[l * o->m + r] : (double)NAN;
+    if (o->config.gate) MK_F(mk_node_judge_readings)(o->n, o->m, o->slots, o->view);
+    MK_F(look_at_readings)(o);
+    mk_status_t status = MK_F(mk_rkfd_incremental)(o->n, o->m, o->slots, &o->view->filter, NULL);
+    for (int attempt = 0; attempt < 2 && status != MK_OK; attempt++) {
+        if (!MK_F(mk_node_recover)(o->n, o->slots, o->view, status, NULL, attempt)) break;
+        MK_F(look_at_readings)(o);
+        status = MK_F(mk_rkfd_incremental)(o->n, o->m, o->slots, &o->view->filter, NULL);
     }
-    const mk_status_t status = MK_F(mk_rkfd_incremental)(o->n, o->m, o->slots, &o->view.filter, NULL);
-    MK_F(mk_node_note)(o->n, &o->view, MK_ITEM_INCREMENTAL, status, 0, NULL);
     return status;
 }
 
 static mk_status_t MK_F(diffuse)(void *object) {
     MK_F(object) *o = object;
     const mk_snapshot_t *seen = &o->moment.seen;
+    const MK_F_T(mk_rkfd) *const core = o->view->filter.core;
     MK_REAL *theta = seen->theta, *tolerance = seen->tolerance, *nis = seen->nis;
     /* The diffusion judges once more, and refuses nothing more. */
-    if (o->config.gate) MK_F(mk_node_judge_estimates)(o->n, o->slots, &o->view);
-    memcpy(o->moment.have_psi, o->view.filter.have_psi, (size_t)o->slots);
-    *theta = o->core.theta;
-    *tolerance = o->core.tolerance;
-    *nis = o->core.nis;
-    *seen->nis_rows = o->core.nis_rows;
-    *seen->faults = o->core.faults;
+    if (o->config.gate) MK_F(mk_node_judge_estimates)(o->n, o->slots, o->view);
+    memcpy(o->moment.have_psi, o->view->filter.have_psi, (size_t)o->slots);
+    *theta = core->theta;
+    *tolerance = core->tolerance;
+    *nis = core->nis;
+    *seen->nis_rows = core->nis_rows;
+    *seen->faults = core->faults;
     for (int l = 0; l < o->slots; l++)
         if (!o->moment.have_psi[l]) *seen->faults |= MK_FAULT_ESTIMATE_MISSING;
-    return MK_F(mk_node_diffuse)(o->n, o->m, o->slots, &o->view);
+    return MK_F(mk_node_diffuse)(o->n, o->m, o->slots, o->view);
 }
 
 static mk_status_t MK_F(advance)(void *object, uint32_t step) {
     MK_F(object) *o = object;
-    return MK_F(mk_node_advance)(o->n, o->m, o->slots, &o->view, step);
+    return MK_F(mk_node_advance)(o->n, o->m, o->slots, o->view, step);
 }
 
 static mk_status_t MK_F(restart)(void *object) {
     MK_F(object) *o = object;
-    return MK_F(mk_node_restart)(o->n, o->slots, &o->view, o->config.filter.x0, o->config.filter.P0);
+    return MK_F(mk_node_restart)(o->n, o->slots, o->view, o->config.filter.x0, o->config.filter.P0);
 }
 
 static size_t MK_F(save)(void *object, uint8_t *blob) {
     MK_F(object) *o = object;
-    return MK_F(mk_node_save)(o->n, o->m, o->slots, &o->view, blob);
+    return MK_F(mk_node_save)(o->n, o->m, o->slots, o->view, blob);
 }
 
 static mk_object_look_t MK_F(look)(const void *object) {
     const MK_F(object) *o = object;
-    const mk_object_look_t look = {o->node.step,      o->core.stage,    o->node.counts,        o->node.early,
-                                   o->node.caught_up, o->node.restarts, o->node.reinitialised, o->node.unsent};
+    const MK_F_T(mk_node) *const node = o->view->node;
+    const mk_object_look_t look = {node->step,      o->view->filter.core->stage, node->counts,        node->early,
+                                   node->caught_up, node->restarts,              node->reinitialised, node->unsent};
     return look;
 }
 

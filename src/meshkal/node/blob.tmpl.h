@@ -98,8 +98,8 @@ size_t MK_F(mk_node_save)(int n, int m, int slots, const MK_F_T(mk_node_view) * 
 }
 
 /* Is what a blob with the right checksum holds a state? Its writer may have been broken, or an enemy. work: 2 MK_PACKED(n). */
-static mk_status_t MK_F(mk_node_blob_check)(int n, int m, int slots, const MK_F_T(mk_node_config) * config, const uint8_t *bytes, size_t end,
-                                            MK_REAL *work) {
+static mk_status_t MK_F(mk_node_blob_check)(int n, int m, int slots, const MK_F_T(mk_node_config) * config, const uint8_t *bytes,
+                                            size_t end, MK_REAL *work) {
     mk_blob_t blob = {bytes, 0, MK_BLOB_HEADER};
     MK_REAL *const W = work;
     MK_F(mk_blob_numbers)(&blob, MK_AT(n, 0), W);

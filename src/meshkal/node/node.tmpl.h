@@ -17,8 +17,9 @@ static mk_status_t MK_F(mk_node_check)(int slots, const MK_F_T(mk_node_config) *
     }
     const MK_F_T(mk_node_foreign) *const foreign = config->foreign;
     /* A steady gain is one of models that stay. */
-    if (foreign && (config->filter.steady || !foreign->slot || foreign->slot[0] || foreign->C != config->filter.C || foreign->F != config->filter.F ||
-                    foreign->S != config->filter.S || foreign->R_inverse != config->filter.R_inverse || !(foreign->limit >= MK_R(0.0))))
+    if (foreign && (config->filter.steady || !foreign->slot || foreign->slot[0] || foreign->C != config->filter.C ||
+                    foreign->F != config->filter.F || foreign->S != config->filter.S ||
+                    foreign->R_inverse != config->filter.R_inverse || !(foreign->limit >= MK_R(0.0))))
         return MK_ERROR_ARGUMENT;
     return MK_OK;
 }
@@ -169,7 +170,8 @@ mk_status_t MK_F(mk_node_accept)(int n, int m, int slots, const MK_F_T(mk_node_v
     return status;
 }
 
-mk_status_t MK_F(mk_node_accept_recorded)(int n, int m, int slots, const MK_F_T(mk_node_view) * view, const uint8_t *content, size_t length) {
+mk_status_t MK_F(mk_node_accept_recorded)(int n, int m, int slots, const MK_F_T(mk_node_view) * view, const uint8_t *content,
+                                          size_t length) {
     mk_frame_t frame;
     if (!view->node->config) return MK_ERROR_ORDER;
     mk_status_t status = mk_frame_parse(content, length, &frame);

@@ -46,7 +46,8 @@ static mk_status_t MK_F(mk_note_configuration)(const MK_F_T(mk_node_config) * co
     const int n = c->n, m = c->m, slots = c->slots, packed = MK_AT(n, 0);
     const MK_F_T(mk_rkfd_steady) *const steady = c->steady;
     const int gate = config->gate ? slots + 1 : 0, foreign = config->foreign != 0, limit = steady ? n * n + slots * m * n + packed + 3 : 0;
-    const int numbers = n * n + 2 * packed + (c->input ? 2 : 1) * n + slots * (1 + 2 * m * n + packed + MK_AT(m, 0)) + 1 + gate + foreign + limit;
+    const int numbers = n * n + 2 * packed + (c->input ? 2 : 1) * n + slots * (1 + 2 * m * n + packed + MK_AT(m, 0)) + 1 +
+                        gate + foreign + limit;
     const size_t others = 18 + 4 * (size_t)slots + (steady ? 2 : 0);
     uint8_t *at = mk_item_begin(recorder, MK_ITEM_CONFIGURATION, MK_OK, others + (size_t)numbers * sizeof *c->A);
     if (!at) return MK_ERROR_LENGTH;

@@ -30,6 +30,8 @@ $(DEMO)/host/node-%: $(DEMO)/headers/node_%.h $(DEMO_COMMON) $(DEMO_SOURCE)/link
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $(INCLUDE) -I$(DEMO)/headers -DNODE=$* $(filter %.c,$^) $(LIBRARY) -lm -o $@
 
+TEST_ITEMS += sh:$(DEMO_SOURCE)/demo.sh
+TEST_NEEDS += demo-firmware-parts
 .PHONY: demo-firmware demo-firmware-parts test-demo-firmware
 demo-firmware-parts: $(PROGRAM) $(DEMO_IMAGES) $(DEMO_HOST_NODES)
 	@echo "$(FIRMWARE_QEMU_m4f)" > $(DEMO)/emulator
@@ -37,6 +39,6 @@ demo-firmware-parts: $(PROGRAM) $(DEMO_IMAGES) $(DEMO_HOST_NODES)
 demo-firmware: demo-firmware-parts ## six emulated boards on lossy links, bit for bit the simulator: table, build/demo/run.cbor
 	@$(PYTHON) $(DEMO_SOURCE) --build $(BUILD) $(DEMO_OPTIONS)
 
-test-demo-firmware: demo-firmware-parts
+test-demo-firmware: demo-firmware-parts ## the tests of the emulated boards
 	@sh $(DEMO_SOURCE)/demo.sh $(BUILD) | tee $(DEMO)/results
 	@! grep -q '^not ok' $(DEMO)/results

@@ -34,6 +34,8 @@ $(SIZE)/count.so: tests/firmware/size/count.c Makefile | $(SETUP)
 	@mkdir -p $(@D)
 	@$(CC) $(CFLAGS) -fPIC -shared $< -o $@
 
+TEST_ITEMS += sh:tests/firmware/size/size.sh
+TEST_NEEDS += size-images
 .PHONY: size size-limits size-images
 size-images: $(SIZE_IMAGES) $(SIZE)/count.so
 	@printf '%s\n' $(SIZE_PLAN) > $(SIZE)/plan
@@ -42,5 +44,5 @@ size: ## flash, RAM, stack and instructions of a node on six targets: a table, b
 	@$(MAKE) -s --no-print-directory -j2 size-images
 	@$(PYTHON) tests/firmware/size/size.py $(BUILD)
 
-size-limits: size
+size-limits: size ## takes what is measured as the new limits of flash, RAM, stack and instructions
 	@$(PYTHON) tests/firmware/size/size.py $(BUILD) --set-limits

@@ -2,4 +2,4 @@
 # SPDX-License-Identifier: MIT
 # What sealing costs against limits: lines "ok" and "not ok". Usage: sealed.sh BUILD
 # Reads what make firmware and make size-images made.
-.venv/bin/python tests/firmware/sealed_size.py "$1" --check
+.venv/bin/python tests/firmware/sealed/size.py "$1" --check

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """What sealing costs on every target: flash, stack, instructions for 40 bytes of text under a header of 20.
-Usage: sealed_size.py BUILD [--check]
+Usage: size.py BUILD [--check]
 
-Runs the images of sealed.mk under QEMU with the instruction counter of size/count.c and writes a Markdown table. --check compares with
-LIMITS: a line "ok" or "not ok" for each target.
+Runs the images of sealed.mk under QEMU with the instruction counter of tests/firmware/size/count.c and writes a Markdown
+table. --check compares with LIMITS: a line "ok" or "not ok" for each target.
 """
 import pathlib
 import re

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * Sealed frames between a target and a host. sealed_write.c, on the host, runs two nodes that talk in frames sealed by libsodium, and
+ * Sealed frames between a target and a host. write.c, on the host, runs two nodes that talk in frames sealed by libsodium, and
  * writes what they sent; sealed.c, the image, is node 0 on Monocypher: it must open what node 1 sent, and send what node 0 sent, to
  * the byte.
  * The file begins with SEALED_MESSAGES messages without a node:

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* Node 0 of sealed.h on the target. Command line: NAME FILE. Writes the stack that sealing and opening need, and how much agreed.
-   sealed_size.py counts instructions between the markers. */
+   size.py counts instructions between the markers. */
 #include "sealed.h"
 
 #include <string.h>
