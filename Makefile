@@ -115,9 +115,9 @@ test: all mpi $(TEST_NEEDS) ## all tests, plain and under ASan and UBSan; last l
 	@$(MAKE) -s --no-print-directory BUILD=$(BUILD)/sanitize OPTIMISE="$(SANITIZE)" all mpi
 	@$(MAKE) -s --no-print-directory -j2 $(filter-out sh:%,$(TEST_ITEMS))
 	@tests/run.sh $(BUILD) \
-	  py:pytest:$(PROGRAM):tests/reference,tests/host,tests/node,tests/mpi,tests/lab,tests/rerun,tests/reproduce \
-	  py:pytest-sanitized:$(BUILD)/sanitize/meshkal:tests/reference,tests/host,tests/node,tests/mpi \
-	  $(TEST_ITEMS)
+	  py:pytest:$(PROGRAM):tests/reference,tests/host,tests/mpi,tests/lab,tests/rerun,tests/reproduce \
+	  py:pytest-sanitized:$(BUILD)/sanitize/meshkal:tests/reference,tests/host,tests/mpi \
+	  $(TEST_ITEMS) wait py:node:$(PROGRAM):tests/node wait py:node-sanitized:$(BUILD)/sanitize/meshkal:tests/node
 
 bench: | $(SETUP) ## a node step beside Eigen and LAPACKE, analyze against nodes, simulate against processes: tables, build/bench/*.json
 

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: MIT
 # Runs test programs and pytest suites, shows what fails, adds up. Usage: tests/run.sh BUILD ITEM ...
 #   ITEM: a CMocka program; sh:SCRIPT, which prints "ok" or "not ok" lines; py:NAME:MESHKAL:PATH,..., a pytest run in the background with
-#   that program, NAME naming its report. Runs as many pytest runs at once as are given: two, on the two cores this is meant for.
+#   that program, NAME naming its report; wait: for those runs, so that what follows has the machine to itself. Two pytest runs at
+#   once suit the two cores this is meant for.
 set -u
 build=$1
 shift
@@ -16,8 +17,20 @@ add() { # passed, failed, title, log
 }
 count() { grep -oE "[0-9]+ $1\b" "$2" | tail -n 1 | cut -d' ' -f1; }
 
+collect() { # the pytest runs in the background
+    wait
+    for name in $waiting; do
+        log=$logs/$name.log good=$(count passed "$log") bad=$(count failed "$log") errors=$(count 'errors?' "$log")
+        bad=$((${bad:-0} + ${errors:-0}))
+        grep -q '^exit status 0' "$log" || [ "$bad" -gt 0 ] || bad=1
+        add "${good:-0}" "$bad" "$name" "$log"
+    done
+    waiting=
+}
+
 for item in "$@"; do
     case $item in
+    wait) collect ;;
     py:*)
         rest=${item#py:} name=${rest%%:*} rest=${rest#*:}
         program=${rest%%:*} paths=$(printf '%s' "${rest#*:}" | tr ',' ' ')
@@ -43,12 +56,6 @@ for item in "$@"; do
         ;;
     esac
 done
-wait
-for name in $waiting; do
-    log=$logs/$name.log good=$(count passed "$logs/$name.log") bad=$(count failed "$logs/$name.log") errors=$(count 'errors?' "$logs/$name.log")
-    bad=$((${bad:-0} + ${errors:-0}))
-    grep -q '^exit status 0' "$log" || [ "$bad" -gt 0 ] || bad=1
-    add "${good:-0}" "$bad" "$name" "$log"
-done
+collect
 printf '%s passed, %s failed\n' "$passed" "$failed"
 [ "$failed" -eq 0 ] && [ "$passed" -gt 0 ]

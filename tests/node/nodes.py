@@ -99,12 +99,24 @@ class Node:
 
     def stop(self, number=15, timeout=5):
         """SIGTERM, and an orderly end within the time. The last report."""
+        self.listens()
         self.process.send_signal(number)
         status = self.process.wait(timeout)
         text = self.said()
         assert "Sanitizer" not in text and "runtime error" not in text, text
         assert status == 0, f"exit {status}:\n{text}"
         return self.report()
+
+    def listens(self):
+        """Waits until the node takes signals from its descriptor, for which it blocks them: before that SIGTERM just ends it."""
+        for _ in range(1000):
+            try:
+                blocked = re.search(r"^SigBlk:\s*([0-9a-f]+)", pathlib.Path(f"/proc/{self.process.pid}/status").read_text(), re.M)
+            except OSError:
+                return
+            if not blocked or int(blocked[1], 16) >> 14 & 1 or self.process.poll() is not None:
+                return
+            time.sleep(0.01)
 
     def kill(self):
         self.process.kill()

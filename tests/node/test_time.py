@@ -59,6 +59,7 @@ def test_state_is_kept_and_taken_up(pair):
 
 def test_sleep(pair):
     node = pair.start(0, catch_up=20)
+    node.listens()
     for seconds in (0.2, 0.8):
         node.process.send_signal(signal.SIGSTOP)
         time.sleep(seconds)
@@ -66,7 +67,7 @@ def test_sleep(pair):
         time.sleep(0.15)
     report = node.stop()
     _, items, _ = read_log(pair.folder / "0.cbor")
-    assert report["left out"] > 40 and report["made up for"] >= 5 and report["started again after long silence"] == 1, report.text
+    assert report["left out"] > 30 and report["made up for"] >= 5 and report["started again after long silence"] == 1, report.text
     assert len(items) == report["steps done"] == report["telemetry items"]
     assert max(items) >= clock_step(PERIOD) - 30
 
