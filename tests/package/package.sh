@@ -7,6 +7,10 @@
 awk '/^```c$/ {on = 1; next} /^```$/ {if (on) exit} on' README.md >"$out/example.c"
 check "README example has at most 30 lines" test "$(wc -l <"$out/example.c")" -le 30 -a -s "$out/example.c"
 
+# The application under "Put it on your node" is the one of the demo.
+awk '/^## Put it on your node/ {here = 1} here && /^```c$/ {on = 1; next} /^```$/ {if (on) exit} on' README.md >"$out/application.c"
+check "README shows the demo's application" sh -c "tail -n +3 tests/firmware/demo/main.c | cmp - $out/application.c"
+
 stage=$PWD/$out/stage
 check "make install" make -s install BUILD="$build" DESTDIR="$stage" PREFIX=/usr
 export PKG_CONFIG_PATH="$stage/usr/lib/pkgconfig" PKG_CONFIG_SYSROOT_DIR="$stage"
