@@ -29,7 +29,7 @@ help: ## this list
 
 # --- what the machine needs ------------------------------------------------------------------------------------------------
 
-PACKAGES = gcc g++ clang make pkgconf liblapacke-dev libjansson-dev libcbor-dev libsodium-dev libcmocka-dev libeigen3-dev \
+PACKAGES = gcc g++ clang libclang-rt-14-dev make pkgconf liblapacke-dev libjansson-dev libcbor-dev libsodium-dev libcmocka-dev libeigen3-dev \
            openmpi-bin libopenmpi-dev libmetis-dev \
            gcc-arm-none-eabi picolibc-arm-none-eabi qemu-system-arm gcc-riscv64-unknown-elf picolibc-riscv64-unknown-elf qemu-system-misc \
            cmake iproute2 python3-venv
