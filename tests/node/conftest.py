@@ -9,7 +9,6 @@ import os
 import pathlib
 import socket
 import subprocess
-import time
 
 import pytest
 from fabric import Fabric, Unavailable
@@ -76,7 +75,7 @@ def pair(bench, draw):
 
         def start(self, k, again="", env=None, **more):
             node = bench.start(k, self.settings(k, **more), again=again, env=env)
-            time.sleep(0.05)
+            node.listens()
             return node
 
         def neighbour(self, k):

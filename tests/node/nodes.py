@@ -41,9 +41,9 @@ class World:
         """All readings of node k as input, step t of the world being step first + t of the clock."""
         return "".join(f"{first + t},{','.join(repr(float(v)) for v in y[k])}\n" for t, y in enumerate(self.readings) if t >= begin)
 
-    def write_csv(self, folder):
-        """As meshkal simulate --measurements and --truth want them."""
-        rows = ["t,node,row,value"] + [f"{t},{k},{r},{v!r}" for t, y in enumerate(self.readings) for k, rows in enumerate(y) for r, v in enumerate(map(float, rows))]
+    def write_csv(self, folder, used):
+        """As meshkal simulate --measurements and --truth want them: the readings of these (step, node)."""
+        rows = ["t,node,row,value"] + [f"{t},{k},{r},{float(v)!r}" for t, k in sorted(used) for r, v in enumerate(self.readings[t][k])]
         states = ["t,state,value"] + [f"{t},{i},{v!r}" for t, x in enumerate(self.truth) for i, v in enumerate(map(float, x))]
         (folder / "y.csv").write_text("\n".join(rows) + "\n")
         (folder / "x.csv").write_text("\n".join(states) + "\n")

@@ -84,34 +84,56 @@ def check_counters(reports, world):
 
 @pytest.fixture(scope="module")
 def quiet(program, fabric, draw, tmp_path_factory):
-    """The no-fault run: its world, its reports and the RMS error of its last steps."""
+    """The no-fault run: its world, its reports and the errors of its last steps."""
     from nodes import Bench
     world = World(draw(10), STEPS)
     bench = Bench(program, tmp_path_factory.mktemp("quiet"))
     try:
-        run = Run(bench, fabric, world, "unicast-ipv4")
+        run = Run(bench, fabric, world, "unicast-ipv4", catch_up=1000)
         run.wait(128)
         reports = run.stop()
-        return world, run, reports, rms(run.errors(*MEASURED))
+        return world, run, reports, run.errors(*MEASURED)
     finally:
         bench.close()
 
 
-def test_without_faults_the_network_is_the_simulator(quiet, program):
+def write_arrivals(run, steps):
+    """What the telemetry says was used, as meshkal simulate --arrivals and --measurements want it. A busy machine makes messages late."""
+    world, place = run.world, run.bench.folder
+    used, lines = set(), ["t,stage,from,to"]
+    for k in range(world.nodes):
+        _, items, _ = read_log(place / f"{k}.cbor")
+        slots = [k, *world.neighbours[k]]
+        for t, item in items.items():
+            if not 0 <= t < steps:
+                continue
+            for stage, key in ((1, "measurements_arrived"), (2, "estimates_arrived")):
+                lines += [f"{t},{stage},{j},{k}" for j, there in zip(slots[1:], item[key][1:]) if there]
+            if item["measurements_arrived"][0]:
+                used.add((t, k))
+    (place / "arrivals.csv").write_text("\n".join(lines) + "\n")
+    world.write_csv(place, used)
+
+
+def test_the_network_is_the_simulator(quiet, program):
     world, run, reports, live = quiet
-    world.write_csv(run.bench.folder)
     place = run.bench.folder
-    subprocess.run([program, "simulate", place / "net.json", "--measurements", place / "y.csv", "--truth", place / "x.csv", "--real", "float32", "--out",
-                    place / "simulated.cbor"], check=True, capture_output=True)
+    assert all(r["started again after long silence"] == 0 for r in reports)
+    write_arrivals(run, MEASURED[1])
+    subprocess.run([program, "simulate", place / "net.json", "--measurements", place / "y.csv", "--truth", place / "x.csv", "--arrivals", place / "arrivals.csv",
+                    "--filter", "rkfdnu2", "--real", "float32", "--out", place / "simulated.cbor"], check=True, capture_output=True)
     _, items, _ = read_log(place / "simulated.cbor")
-    simulated = rms(np.array([items[t]["error"] for t in range(*MEASURED)]))
-    assert abs(live / simulated - 1) < 0.1
+    simulated = np.array([items[t]["error"] for t in range(*MEASURED)]).T
+    # The nodes started some steps before the simulator; by now both have forgotten how.
+    np.testing.assert_allclose(live, np.where(np.isnan(live), np.nan, simulated), rtol=1e-3, atol=1e-4)
+    assert np.isfinite(live).mean() > 0.5 and rms(simulated) < 3 * rms(np.array(items[0]["error"]))
     check_counters(reports, world)
 
 
 @pytest.mark.parametrize("variant", ["unicast-ipv4", "multicast-ipv6"])
 def test_loss_restarts_partition(bench, fabric, quiet, variant):
-    world, _, _, normal = quiet
+    world, _, _, quiet_errors = quiet
+    normal = rms(quiet_errors)
     run = Run(bench, fabric, world, variant)
     try:
         run.wait(5)
