@@ -129,8 +129,8 @@ typedef struct {
     mk_status_t mk_node_start_##real(int n, int m, int slots, const mk_node_view_##real##_t *view,                            \
                                      const mk_node_config_##real##_t *config);                                                \
     mk_status_t mk_node_secure_##real(const mk_node_view_##real##_t *view, mk_secure_t *secure, int slots);                   \
-    mk_status_t mk_node_measure_##real(int n, int m, const mk_node_view_##real##_t *view, const mk_##real##_t *y);            \
-    size_t mk_node_frame_##real(int n, int m, const mk_node_view_##real##_t *view, int stage, uint8_t *bytes);                \
+    mk_status_t mk_node_measure_##real(int m, const mk_node_view_##real##_t *view, const mk_##real##_t *y);                   \
+    size_t mk_node_frame_##real(int n, const mk_node_view_##real##_t *view, int stage, uint8_t *bytes);                       \
     mk_status_t mk_node_accept_##real(int n, int m, int slots, const mk_node_view_##real##_t *view, const uint8_t *bytes,     \
                                       size_t length);                                                                         \
     mk_status_t mk_node_incremental_##real(int n, int m, int slots, const mk_node_view_##real##_t *view,                      \
@@ -147,6 +147,8 @@ typedef struct {
     /* What the frame of a record holds is taken as accept takes it after its seal or checksum. For replay. */                \
     mk_status_t mk_node_accept_recorded_##real(int n, int m, int slots, const mk_node_view_##real##_t *view,                  \
                                                const uint8_t *content, size_t length);                                        \
+    /* incremental without its gate and its record, for hosts that look at what the gate left: after mk_node_judge_readings. */\
+    mk_status_t mk_node_step_##real(int n, int m, int slots, const mk_node_view_##real##_t *view, const mk_##real##_t *input);\
     /* Parts of the steps, around the filter's own: for the typed functions. */                                               \
     void mk_node_judge_readings_##real(int n, int m, int slots, const mk_node_view_##real##_t *view);                         \
     void mk_node_judge_estimates_##real(int n, int slots, const mk_node_view_##real##_t *view);                               \
@@ -248,12 +250,12 @@ MK_DECLARE_NODE_CORE(f64)
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_measure(name##_t *f, const mk_##real##_t *y) {                                               \
         const mk_node_view_##real##_t view = name##_node_view(f, 0);                                                          \
-        return mk_node_measure_##real(n, m, &view, y);                                                                        \
+        return mk_node_measure_##real(m, &view, y);                                                                           \
     }                                                                                                                         \
     MK_INLINE size_t name##_frame(name##_t *f, int stage, uint8_t *bytes) {                                                   \
         mk_##real##_t work[MK_NODE_WORK(n, m)];                                                                               \
         const mk_node_view_##real##_t view = name##_node_view(f, work);                                                       \
-        return mk_node_frame_##real(n, m, &view, stage, bytes);                                                               \
+        return mk_node_frame_##real(n, &view, stage, bytes);                                                                  \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_accept(name##_t *f, const uint8_t *bytes, size_t length) {                                   \
         mk_##real##_t work[MK_NODE_WORK(n, m)];                                                                               \

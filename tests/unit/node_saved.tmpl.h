@@ -40,7 +40,7 @@ static void V(happen)(V(bench_t) * a, V(bench_t) * b, generator_t *g) {
         const MK_T(mk_node_view) view = UNIT(node_view)(node, work);
         const uint32_t later = node->node.step + 3;
         if (kind < 8) status[i] = (int)EITHER(accept, (N, M, SLOTS, &view, wire.bytes, wire.length), (node, wire.bytes, wire.length));
-        else if (kind == 8) status[i] = (int)EITHER(measure, (N, M, &view, own), (node, own));
+        else if (kind == 8) status[i] = (int)EITHER(measure, (M, &view, own), (node, own));
         else if (kind == 9 && values[15] > 2.4) status[i] = (int)EITHER(advance, (N, M, SLOTS, &view, later), (node, later));
         else if (kind == 9 && values[15] < -2.4) status[i] = (int)EITHER(set_tolerance, (&view, (REAL)0.03), (node, (REAL)0.03));
         else if (kind == 9 && values[14] > 2.4) status[i] = (int)EITHER(restart, (N, SLOTS, &view, a->x0, a->P0), (node, a->x0, a->P0));

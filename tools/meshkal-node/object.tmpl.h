@@ -9,7 +9,6 @@ typedef struct {
     MK_F_T(mk_host_node) * host;
     const MK_F_T(mk_node_view) * view; /* the host's */
     MK_REAL *threshold;
-    uint16_t *nodes;
     mk_secure_t secure;
     mk_moment_t moment;
 } MK_F(object);
@@ -35,17 +34,12 @@ static void MK_F(put_secure)(MK_F(object) * o) {
 static void *MK_F(open)(const mk_scenario_t *s, const mk_object_facts_t *facts) {
     MK_F(object) *o = mk_allocate(1, sizeof *o);
     const mk_topology_t topology = mk_distributed_topology(s);
-    const int k = facts->node;
-    MK_F(mk_config_make)(&o->config.filter, s, &topology, k, facts->tolerance);
+    MK_F(mk_node_config_make)(&o->config, s, &topology, facts->node, facts->tolerance);
     o->n = o->config.filter.n;
     o->m = o->config.filter.m;
     o->slots = o->config.filter.slots;
     o->positions = s->position_count;
     o->position = s->position_states;
-    o->nodes = mk_allocate((size_t)o->slots, sizeof *o->nodes);
-    for (int l = 0; l < o->slots; l++) o->nodes[l] = (uint16_t)s->slot[s->first[k] + l];
-    o->config.nodes = o->nodes;
-    o->config.model = mk_scenario_model(s);
     o->config.catch_up = (uint16_t)facts->catch_up;
     o->config.numbers = (uint8_t)facts->numbers;
     MK_F(put_gate)(o, facts);
@@ -61,13 +55,12 @@ static void *MK_F(open)(const mk_scenario_t *s, const mk_object_facts_t *facts) 
 
 static void MK_F(close)(void *object) {
     MK_F(object) *o = object;
-    MK_F(mk_config_free)(&o->config.filter);
+    MK_F(mk_node_config_free)(&o->config);
     mk_snapshot_free(&o->moment.seen);
     free(o->moment.y);
     free(o->moment.have_y);
     free(o->host);
     free(o->threshold);
-    free(o->nodes);
     free(o->secure.window);
     free(o->secure.text);
     free(o);
@@ -98,12 +91,12 @@ static mk_status_t MK_F(measure)(void *object, const double *y) {
     MK_F(object) *o = object;
     MK_REAL values[MK_LARGEST_STATE];
     for (int r = 0; r < o->config.filter.rows[0]; r++) values[r] = (MK_REAL)y[r];
-    return MK_F(mk_node_measure)(o->n, o->m, o->view, values);
+    return MK_F(mk_node_measure)(o->m, o->view, values);
 }
 
 static size_t MK_F(frame)(void *object, int stage, uint8_t *bytes) {
     MK_F(object) *o = object;
-    return MK_F(mk_node_frame)(o->n, o->m, o->view, stage, bytes);
+    return MK_F(mk_node_frame)(o->n, o->view, stage, bytes);
 }
 
 static mk_status_t MK_F(accept)(void *object, const uint8_t *bytes, size_t length) {
@@ -142,12 +135,10 @@ static mk_status_t MK_F(incremental)(void *object) {
     /* In two parts, because the readings that are used are known between them only. */
     if (o->config.gate) MK_F(mk_node_judge_readings)(o->n, o->m, o->slots, o->view);
     MK_F(look_at_readings)(o);
-    mk_status_t status = MK_F(mk_rkfd_incremental)(o->n, o->m, o->slots, &o->view->filter, NULL);
-    for (int attempt = 0; attempt < 2 && status != MK_OK; attempt++) {
-        if (!MK_F(mk_node_recover)(o->n, o->slots, o->view, status, NULL, attempt)) break;
-        MK_F(look_at_readings)(o);
-        status = MK_F(mk_rkfd_incremental)(o->n, o->m, o->slots, &o->view->filter, NULL);
-    }
+    const uint32_t before = o->view->node->reinitialised;
+    const mk_status_t status = MK_F(mk_node_step)(o->n, o->m, o->slots, o->view, NULL);
+    /* Then it has dropped them all. */
+    if (o->view->node->reinitialised != before) MK_F(look_at_readings)(o);
     return status;
 }
 

@@ -31,15 +31,16 @@ static int MK_F(put_steady)(FILE *out, const char *name, const MK_F_T(mk_rkfd_co
 /* 1, or 0 and *why: a frozen gain was asked for and the node has none. */
 static int MK_F(put_node)(FILE *out, const char *name, const mk_scenario_t *s, const mk_topology_t *topology, int k, double tolerance, double close,
                           const char **why) {
-    MK_F_T(mk_rkfd_config) config;
-    MK_F(mk_config_make)(&config, s, topology, k, tolerance);
+    MK_F_T(mk_node_config) node;
+    MK_F(mk_node_config_make)(&node, s, topology, k, tolerance);
+    const MK_F_T(mk_rkfd_config) config = node.filter;
     const int n = config.n, m = config.m, slots = config.slots;
     (void)fprintf(out,
                   "#include <meshkal/unrolled.h>\n\n/* %d states, at most %d rows, %d slots. To save flash: MK_NODE of <meshkal/node.h>. */\n"
                   "MK_NODE_UNROLLED(%s, " MK_REAL_SUFFIX ", %d, %d, %d);\n\n/* Node in each slot: this one, then its neighbours. */\n"
                   "static const uint16_t %s_slot[%d] = {",
                   n, m, slots, name, n, m, slots, name, slots);
-    for (int l = 0; l < slots; l++) (void)fprintf(out, "%s%d", l ? ", " : "", topology->slot[topology->first[k] + l]);
+    for (int l = 0; l < slots; l++) (void)fprintf(out, "%s%d", l ? ", " : "", node.nodes[l]);
     (void)fprintf(out, "};\nstatic const uint8_t %s_rows[%d] = {", name, slots);
     for (int l = 0; l < slots; l++) (void)fprintf(out, "%s%d", l ? ", " : "", config.rows[l]);
     (void)fputs("};\n", out);
@@ -59,9 +60,9 @@ static int MK_F(put_node)(FILE *out, const char *name, const mk_scenario_t *s, c
     (void)fprintf(out,
                   "\nstatic const %s_config_t %s_config = {\n    {%d, %d, %d, %s_A, %s_Q, %s_input, %s_x0, %s_P0, %s_weight, %s_rows, %s_C, %s_F, %s_S,\n"
                   "     %s_R_inverse, %a" MK_REAL_LITERAL " /* tolerance %.9g */, %s%s},\n"
-                  "    %s_slot, 0x%.8s, %d /* steps it makes up for */, MK_NUMBERS_F%d, 0, 0, 0\n};\n",
+                  "    %s_slot, 0x%08lx, %d /* steps it makes up for */, MK_NUMBERS_F%d, 0, 0, 0\n};\n",
                   name, name, n, m, slots, name, name, name, name, name, name, name, name, name, name, name, (double)config.tolerance, tolerance,
-                  has ? "&" : "0", has ? steady_name : "", name, s->sha256, MK_CATCH_UP, MK_BITS);
-    MK_F(mk_config_free)(&config);
+                  has ? "&" : "0", has ? steady_name : "", name, (unsigned long)node.model, node.catch_up, MK_BITS);
+    MK_F(mk_node_config_free)(&node);
     return has || !(close > 0.0);
 }

@@ -19,14 +19,16 @@ MK_KERNEL const float *mk_load_six_f32(const float *x, float *v) {
     return next;
 }
 
+/* A packed 6 x 6 matrix. */
 MK_KERNEL void mk_load_packed_six_f32(const float *x, float *v) {
-register float a __asm__("s8"), b __asm__("s9"), c __asm__("s10"), d __asm__("s11"), e __asm__("s12"), f __asm__("s13"), g __asm__("s14"),
-        h __asm__("s15"), i __asm__("s16"), j __asm__("s17"), k __asm__("s18"), l __asm__("s19"), m __asm__("s20"), n __asm__("s21"), o
-        __asm__("s22"), p __asm__("s23"), q __asm__("s24"), r __asm__("s25"), s __asm__("s26"), t __asm__("s27"), u __asm__("s28");
+    register float a __asm__("s8"), b __asm__("s9"), c __asm__("s10"), d __asm__("s11"), e __asm__("s12"),
+                   f __asm__("s13"), g __asm__("s14"), h __asm__("s15"), i __asm__("s16"), j __asm__("s17"),
+                   k __asm__("s18"), l __asm__("s19"), m __asm__("s20"), n __asm__("s21"), o __asm__("s22"),
+                   p __asm__("s23"), q __asm__("s24"), r __asm__("s25"), s __asm__("s26"), t __asm__("s27"),
+                   u __asm__("s28");
     __asm__("vldmia %21, {s8-s28}"
             : "=t"(a), "=t"(b), "=t"(c), "=t"(d), "=t"(e), "=t"(f), "=t"(g), "=t"(h), "=t"(i), "=t"(j), "=t"(k),
-        "=t"(l), "=t"(m), "=t"(n), "=t"(o),
-              "=t"(p), "=t"(q), "=t"(r), "=t"(s), "=t"(t), "=t"(u)
+              "=t"(l), "=t"(m), "=t"(n), "=t"(o), "=t"(p), "=t"(q), "=t"(r), "=t"(s), "=t"(t), "=t"(u)
             : "r"(x), "m"(*(const float(*)[21])x));
     v[0] = a; v[1] = b; v[2] = c; v[3] = d; v[4] = e; v[5] = f; v[6] = g;
     v[7] = h; v[8] = i; v[9] = j; v[10] = k; v[11] = l; v[12] = m; v[13] = n;
@@ -34,16 +36,15 @@ register float a __asm__("s8"), b __asm__("s9"), c __asm__("s10"), d __asm__("s1
 }
 
 MK_KERNEL void mk_store_packed_six_f32(const float *v, float *y) {
-register float a __asm__("s8") = v[0], b __asm__("s9") = v[1], c __asm__("s10") = v[2], d __asm__("s11") = v[3], e __asm__("s12") = v[4],
-        f __asm__("s13") = v[5], g __asm__("s14") = v[6], h __asm__("s15") = v[7], i __asm__("s16") = v[8], j __asm__("s17") = v[9], k
-        __asm__("s18") = v[10], l __asm__("s19") = v[11], m __asm__("s20") = v[12], n __asm__("s21") = v[13], o __asm__("s22") = v[14], p
-        __asm__("s23") = v[15], q __asm__("s24") = v[16], r __asm__("s25") = v[17], s __asm__("s26") = v[18], t __asm__("s27") = v[19], u
-        __asm__("s28") = v[20];
+    register float a __asm__("s8") = v[0], b __asm__("s9") = v[1], c __asm__("s10") = v[2], d __asm__("s11") = v[3], e __asm__("s12") = v[4],
+                   f __asm__("s13") = v[5], g __asm__("s14") = v[6], h __asm__("s15") = v[7], i __asm__("s16") = v[8], j __asm__("s17") = v[9],
+                   k __asm__("s18") = v[10], l __asm__("s19") = v[11], m __asm__("s20") = v[12], n __asm__("s21") = v[13], o __asm__("s22") = v[14],
+                   p __asm__("s23") = v[15], q __asm__("s24") = v[16], r __asm__("s25") = v[17], s __asm__("s26") = v[18], t __asm__("s27") = v[19],
+                   u __asm__("s28") = v[20];
     __asm__("vstmia %1, {s8-s28}"
-
-                   : "=m"(*(float(*)[21])y)
-            : "r"(y), "t"(a), "t"(b), "t"(c), "t"(d), "t"(e), "t"(f), "t"(g), "t"(h), "t"(i), "t"(j), "t"(k), "t"(l), "t"(m), "t"(n), "t"(o), "t"(p), "t"(q),
-              "t"(r), "t"(s), "t"(t), "t"(u));
+            : "=m"(*(float(*)[21])y)
+            : "r"(y), "t"(a), "t"(b), "t"(c), "t"(d), "t"(e), "t"(f), "t"(g), "t"(h), "t"(i), "t"(j), "t"(k),
+              "t"(l), "t"(m), "t"(n), "t"(o), "t"(p), "t"(q), "t"(r), "t"(s), "t"(t), "t"(u));
 }
 #endif
 

@@ -59,8 +59,7 @@ static mk_status_t MK_F(mk_node_put)(int m, const MK_F_T(mk_node_view) * view, i
     return MK_OK;
 }
 
-mk_status_t MK_F(mk_node_measure)(int n, int m, const MK_F_T(mk_node_view) * view, const MK_REAL *y) {
-    (void)n;
+mk_status_t MK_F(mk_node_measure)(int m, const MK_F_T(mk_node_view) * view, const MK_REAL *y) {
     if (!y) return MK_ERROR_ARGUMENT;
     if (!view->node->config) return MK_ERROR_ORDER;
     const mk_status_t status = MK_F(mk_node_put)(m, view, 0, y);
@@ -185,10 +184,9 @@ mk_status_t MK_F(mk_node_accept_recorded)(int n, int m, int slots, const MK_F_T(
 /* --- what goes out --------------------------------------------------------------------------------------------------------- */
 
 /* The reading of slot 0 with its model as G, z: R^-1 = L L', G = L' C, z = L' y. values: rows (n + 1) numbers, then MK_PACKED(rows). */
-static void MK_F(mk_node_whiten)(int n, int m, const MK_F_T(mk_rkfd_view) * filter, int rows, MK_REAL *values) {
+static void MK_F(mk_node_whiten)(int n, const MK_F_T(mk_rkfd_view) * filter, int rows, MK_REAL *values) {
     const MK_F_T(mk_rkfd_config) *const config = filter->core->config;
     MK_REAL *const L = values + rows * (n + 1), *const z = values + rows * n;
-    (void)m;
     for (int r = 0; r < rows; r++)
         for (int s = 0; s <= r; s++) {
             MK_REAL sum = config->R_inverse[MK_AT(r, s)];
@@ -205,7 +203,7 @@ static void MK_F(mk_node_whiten)(int n, int m, const MK_F_T(mk_rkfd_view) * filt
     }
 }
 
-size_t MK_F(mk_node_frame)(int n, int m, const MK_F_T(mk_node_view) * view, int stage, uint8_t *bytes) {
+size_t MK_F(mk_node_frame)(int n, const MK_F_T(mk_node_view) * view, int stage, uint8_t *bytes) {
     MK_F_T(mk_node) *const node = view->node;
     const MK_F_T(mk_rkfd_view) *const filter = &view->filter;
     const MK_F_T(mk_node_config) *const config = node->config;
@@ -224,7 +222,7 @@ size_t MK_F(mk_node_frame)(int n, int m, const MK_F_T(mk_node_view) * view, int 
         values = filter->y;
         count = rows;
         if (config->with_model) {
-            MK_F(mk_node_whiten)(n, m, filter, rows, filter->work);
+            MK_F(mk_node_whiten)(n, filter, rows, filter->work);
             values = filter->work;
             count = rows * (n + 1);
         }

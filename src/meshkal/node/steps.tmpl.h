@@ -53,7 +53,7 @@ void MK_F(mk_node_judge_estimates)(int n, int slots, const MK_F_T(mk_node_view) 
         MK_REAL sum = MK_R(0.0);
         for (int i = 0; i < n; i++)
             for (int j = 0; j < n; j++)
-                sum += (psi[i] - filter->psi[i]) * filter->W[i > j ? MK_AT(i, j) : MK_AT(j, i)] * (psi[j] - filter->psi[j]);
+                sum += (psi[i] - filter->psi[i]) * filter->W[MK_PLACE(i, j)] * (psi[j] - filter->psi[j]);
         if (sum <= limit) continue;
         filter->have_psi[l] = 0;
         view->node->gated++;
@@ -123,12 +123,16 @@ mk_status_t MK_F(mk_node_begin_advance)(int n, int slots, const MK_F_T(mk_node_v
 
 /* --- the same as the typed functions of meshkal/node.h, for run-time dimensions -------------------------------------------- */
 
-static mk_status_t MK_F(mk_node_run_incremental)(int n, int m, int slots, const MK_F_T(mk_node_view) * view, const MK_REAL *input) {
-    if (view->node->config && view->node->config->gate) MK_F(mk_node_judge_readings)(n, m, slots, view);
+mk_status_t MK_F(mk_node_step)(int n, int m, int slots, const MK_F_T(mk_node_view) * view, const MK_REAL *input) {
     mk_status_t status = MK_F(mk_rkfd_incremental)(n, m, slots, &view->filter, input);
     for (int attempt = 0; attempt < 2 && status != MK_OK && MK_F(mk_node_recover)(n, slots, view, status, input, attempt); attempt++)
         status = MK_F(mk_rkfd_incremental)(n, m, slots, &view->filter, input);
     return status;
+}
+
+static mk_status_t MK_F(mk_node_run_incremental)(int n, int m, int slots, const MK_F_T(mk_node_view) * view, const MK_REAL *input) {
+    if (view->node->config && view->node->config->gate) MK_F(mk_node_judge_readings)(n, m, slots, view);
+    return MK_F(mk_node_step)(n, m, slots, view, input);
 }
 
 static mk_status_t MK_F(mk_node_run_diffuse)(int n, int slots, const MK_F_T(mk_node_view) * view) {

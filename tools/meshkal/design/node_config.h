@@ -3,7 +3,7 @@
 #ifndef MESHKAL_NODE_CONFIG_H
 #define MESHKAL_NODE_CONFIG_H
 
-#include <meshkal/rkfd.h>
+#include <meshkal/node.h>
 
 #include "scenario.h"
 
@@ -64,7 +64,12 @@ int mk_topology_rows(const mk_topology_t *topology, const mk_scenario_t *scenari
     /* The whole configuration of estimator e in one block of its own, which mk_config_free releases. */                      \
     void mk_config_make_##real(mk_rkfd_config_##real##_t *config, const mk_scenario_t *scenario,                              \
                                const mk_topology_t *topology, int e, double tolerance);                                       \
-    void mk_config_free_##real(mk_rkfd_config_##real##_t *config);
+    void mk_config_free_##real(mk_rkfd_config_##real##_t *config);                                                            \
+    /* The same for the node object of node k: its neighbours and model, MK_CATCH_UP, frames in its own precision; no gate. Slots of the\
+       topology are numbers of nodes below 65536. Free with mk_node_config_free. */                                           \
+    void mk_node_config_make_##real(mk_node_config_##real##_t *config, const mk_scenario_t *scenario,                         \
+                                    const mk_topology_t *topology, int k, double tolerance);                                  \
+    void mk_node_config_free_##real(mk_node_config_##real##_t *config);
 
 MK_DECLARE_CONFIG(f32)
 MK_DECLARE_CONFIG(f64)

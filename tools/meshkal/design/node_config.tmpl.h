@@ -88,3 +88,22 @@ void MK_F(mk_config_free)(MK_F_T(mk_rkfd_config) * config) {
     memcpy(&block, &config->A, sizeof block); /* A comes first in the block; the member is const for everybody else */
     free(block);
 }
+
+void MK_F(mk_node_config_make)(MK_F_T(mk_node_config) * config, const mk_scenario_t *s, const mk_topology_t *topology, int k, double tolerance) {
+    const int first = topology->first[k], slots = topology->first[k + 1] - first;
+    uint16_t *const nodes = mk_allocate((size_t)slots, sizeof *nodes);
+    for (int l = 0; l < slots; l++) nodes[l] = (uint16_t)topology->slot[first + l];
+    memset(config, 0, sizeof *config);
+    MK_F(mk_config_make)(&config->filter, s, topology, k, tolerance);
+    config->nodes = nodes;
+    config->model = mk_scenario_model(s);
+    config->catch_up = MK_CATCH_UP;
+    config->numbers = MK_BITS == 32 ? MK_NUMBERS_F32 : MK_NUMBERS_F64;
+}
+
+void MK_F(mk_node_config_free)(MK_F_T(mk_node_config) * config) {
+    uint16_t *nodes;
+    memcpy(&nodes, &config->nodes, sizeof nodes);
+    free(nodes);
+    MK_F(mk_config_free)(&config->filter);
+}

@@ -108,7 +108,7 @@ static int MK_F(player_play)(void *player, const mk_item_t *item, mk_difference_
     switch (item->kind) {
     case MK_ITEM_MEASURE:
         MK_F(get_numbers)(content, g->config->filter.rows[0], g->input);
-        status = MK_F(mk_node_measure)(h->n, h->m, view, g->input);
+        status = MK_F(mk_node_measure)(h->m, view, g->input);
         break;
     case MK_ITEM_FRAME: status = MK_F(mk_node_accept_recorded)(h->n, h->m, h->slots, view, content, item->length); break;
     case MK_ITEM_INCREMENTAL: return MK_F(play_incremental)(g, item, d);

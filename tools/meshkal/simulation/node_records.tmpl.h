@@ -8,7 +8,6 @@ typedef struct {
     mk_recorder_t recorder;
     uint8_t *frame[2]; /* of stage 1 and 2, and their lengths */
     size_t length[2];
-    uint16_t *nodes;
 } MK_F_T(recorded);
 
 static MK_F_T(recorded) * MK_F(recorded_node)(const mk_node_records_t *r, int k) { return (MK_F_T(recorded) *)r->node + k; }
@@ -16,13 +15,12 @@ static MK_F_T(recorded) * MK_F(recorded_node)(const mk_node_records_t *r, int k)
 static void MK_F(close)(mk_node_records_t *r, int k) {
     MK_F_T(recorded) *const one = MK_F(recorded_node)(r, k);
     if (!one->host) return;
-    MK_F(mk_config_free)(&one->config.filter);
+    MK_F(mk_node_config_free)(&one->config);
     free(one->host);
     free(one->limit);
     free(one->recorder.bytes);
     free(one->frame[0]);
     free(one->frame[1]);
-    free(one->nodes);
 }
 
 /* Room for what begins a record, and for two steps at least: all items of one are there when it is written out. */
@@ -51,17 +49,9 @@ static void MK_F(freeze)(mk_node_records_t *r, int k, MK_F_T(recorded) * one) {
 
 static void MK_F(open)(mk_node_records_t *r, int k) {
     MK_F_T(recorded) *const one = MK_F(recorded_node)(r, k);
-    const mk_topology_t *const topology = r->topology;
-    const int first = topology->first[k], slots = topology->first[k + 1] - first;
-    MK_F(mk_config_make)(&one->config.filter, r->c->scenario, topology, k, r->tolerance[k]);
+    MK_F(mk_node_config_make)(&one->config, r->c->scenario, r->topology, k, r->tolerance[k]);
     MK_F(freeze)(r, k, one);
-    one->nodes = mk_allocate((size_t)slots, sizeof *one->nodes);
-    for (int l = 0; l < slots; l++) one->nodes[l] = (uint16_t)topology->slot[first + l];
-    one->config.nodes = one->nodes;
-    one->config.model = mk_scenario_model(r->c->scenario);
-    one->config.catch_up = MK_CATCH_UP;
-    one->config.numbers = MK_BITS == 32 ? MK_NUMBERS_F32 : MK_NUMBERS_F64;
-    one->host = MK_F(mk_host_node_open)(one->config.filter.n, one->config.filter.m, slots);
+    one->host = MK_F(mk_host_node_open)(one->config.filter.n, one->config.filter.m, one->config.filter.slots);
     one->recorder.capacity = MK_F(room)(r, one->host);
     one->recorder.bytes = mk_allocate(one->recorder.capacity, 1);
     one->recorder.with_configuration = 1;
@@ -90,8 +80,8 @@ static void MK_F(measure)(mk_node_records_t *r, int k) {
     MK_REAL y[MK_LARGEST_STATE];
     if (r->schedule) (void)MK_F(mk_node_set_tolerance)(&h->view, (MK_REAL)r->schedule[k]);
     for (int i = 0; i < one->config.filter.rows[0]; i++) y[i] = (MK_REAL)reading[i];
-    if (!isnan(reading[0])) (void)MK_F(mk_node_measure)(h->n, h->m, &h->view, y);
-    one->length[0] = MK_F(mk_node_frame)(h->n, h->m, &h->view, MK_STAGE_MEASUREMENT, one->frame[0]);
+    if (!isnan(reading[0])) (void)MK_F(mk_node_measure)(h->m, &h->view, y);
+    one->length[0] = MK_F(mk_node_frame)(h->n, &h->view, MK_STAGE_MEASUREMENT, one->frame[0]);
 }
 
 /* Frames of a stage that arrive. */
@@ -115,7 +105,7 @@ static void MK_F(increment)(mk_node_records_t *r, int k) {
     MK_F(hear)(r, k, MK_STAGE_MEASUREMENT);
     (void)MK_F(mk_node_incremental)(h->n, h->m, h->slots, &h->view, NULL);
     if (r->good) MK_F(compare)(r, k, "psi", h->view.filter.psi, (const MK_REAL *)r->psi + (size_t)k * (size_t)h->n);
-    one->length[1] = MK_F(mk_node_frame)(h->n, h->m, &h->view, MK_STAGE_ESTIMATE, one->frame[1]);
+    one->length[1] = MK_F(mk_node_frame)(h->n, &h->view, MK_STAGE_ESTIMATE, one->frame[1]);
 }
 
 static void MK_F(diffuse)(mk_node_records_t *r, int k) {
