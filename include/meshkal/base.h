@@ -59,6 +59,7 @@ typedef enum {
     MK_ERROR_AHEAD,                 /* more than one stage ahead of this node */
     MK_ERROR_IMPLAUSIBLE,           /* information beyond the configured limit, or an estimate too large to be used */
     MK_ERROR_GATED,                 /* too far from what the filter expects */
+    MK_ERROR_DOMAIN,                /* a point outside the domain of a model's function */
     MK_STATUS_COUNT
 } mk_status_t;
 

@@ -32,6 +32,7 @@ const char *mk_status_name(mk_status_t status) {
     case MK_ERROR_AHEAD: return "MK_ERROR_AHEAD";
     case MK_ERROR_IMPLAUSIBLE: return "MK_ERROR_IMPLAUSIBLE";
     case MK_ERROR_GATED: return "MK_ERROR_GATED";
+    case MK_ERROR_DOMAIN: return "MK_ERROR_DOMAIN";
     case MK_STATUS_COUNT: break;
     }
     return "MK_ERROR_UNKNOWN";
