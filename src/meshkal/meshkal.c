@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /* The shared build: every function of the public headers, with dimensions known at run time and loops kept. */
 #define MK_ROLLED
+#include <meshkal/duif.h>
 #include <meshkal/kernels.h>
 #include <meshkal/node.h>
 #include <meshkal/quantile.h>
@@ -10,6 +11,7 @@
 #define MK_HALVINGS 4
 
 #include "network/frame.h"
+#include "network/link.h"
 #include "network/numbers.h"
 #include "node/blob.h"
 #include "node/record.h"
