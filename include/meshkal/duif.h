@@ -33,6 +33,9 @@
  * makes up for by predictions over the last dt without readings; farther behind, or where these fail, it starts again from x0 and P0 at
  * that step. advance is for an application that knows the step.
  *
+ * A node does not stop. Where a prediction is impossible, because x or P have left the range of the precision, it is made from x and P0, or from
+ * x0 and P0 if that fails, too, without the reading: counter `reinitialised`.
+ *
  * accept treats every byte as hostile. A refused frame changes nothing but its counter, what the rule above knows of steps and, if its seal was
  * good, which sequence numbers have been seen. A neighbour that lies is believed, up to config.limit: sealed frames keep strangers out.
  *
@@ -97,6 +100,7 @@ enum {
         uint32_t early;                   /* of those that were taken, one iteration ahead */                                 \
         uint32_t caught_up;               /* steps made up for */                                                             \
         uint32_t restarts;                /* because it was too far behind */                                                 \
+        uint32_t reinitialised;           /* P := P0, because a prediction left the range of the precision */                 \
         uint32_t unsent;                  /* frames that could not be written: number beyond the format, or no seal */        \
         uint32_t isolated, uninformed, unfused; /* steps with these flags */                                                  \
         uint32_t heard, missing;          /* messages of the last step, over its iterations */                                \
@@ -142,7 +146,7 @@ MK_DECLARE_DUIF_CORE(f64)
  *                              origin; SHAPE.
  * name_secure(node, secure, aead, sequence)
  *                              As in node.h.
- * name_predict(node, dt, Q)    As in unscented.h, any number of times. ORDER: not before contribute.
+ * name_predict(node, dt, Q)    As in unscented.h, any number of times. ORDER: not before contribute; its errors where they remain from x0 and P0.
  * name_measure(node, z)        The reading of its own sensor; from contribute to fuse it is for the next step. Errors of name_put in unscented.h.
  * name_drop(node)              The reading is no longer there.
  * name_contribute(node)        Ends the readings, begins the consensus. ORDER; errors of name_contribution in unscented.h (MK_ERROR_DOMAIN: a

@@ -34,19 +34,6 @@ mk_status_t MK_F(mk_duif_secure)(const MK_F_T(mk_duif_view) * view, mk_secure_t 
 
 static int MK_F(mk_duif_reads)(const MK_F_T(mk_duif) * core) { return core->config && core->stage == MK_DUIF_READING; }
 
-mk_status_t MK_F(mk_duif_predict)(int n, const MK_F_T(mk_duif_view) * view, MK_REAL dt, const MK_REAL *Q) {
-    if (!MK_F(mk_duif_reads)(view->core)) return MK_ERROR_ORDER;
-    const mk_status_t status = MK_F(mk_unscented_predict)(n, &view->filter, dt, Q);
-    if (status == MK_OK) view->core->dt = dt;
-    return status;
-}
-
-mk_status_t MK_F(mk_duif_measure)(int m, const MK_F_T(mk_duif_view) * view, const MK_REAL *z) {
-    return MK_F(mk_unscented_put)(m, 1, &view->filter, 0, z);
-}
-
-mk_status_t MK_F(mk_duif_drop)(const MK_F_T(mk_duif_view) * view) { return MK_F(mk_unscented_drop)(1, &view->filter, 0); }
-
 /* x := x - origin */
 static void MK_F(mk_duif_shift)(int n, const MK_REAL *origin, MK_REAL *x) {
     for (int i = 0; i < n && origin; i++) x[i] -= origin[i];
@@ -56,6 +43,42 @@ static void MK_F(mk_duif_shift)(int n, const MK_REAL *origin, MK_REAL *x) {
 static MK_REAL *MK_F(mk_duif_values)(int n, const MK_F_T(mk_duif_view) * view) {
     return view->work + MK_UNSCENTED_WORK(n, view->core->config->filter.m, 1);
 }
+
+/* Where x or P have left the range of the precision: the same from x and P0, then from x0. */
+static mk_status_t MK_F(mk_duif_recover)(int n, const MK_F_T(mk_duif_view) * view, MK_REAL dt, const MK_REAL *Q, mk_status_t status) {
+    const MK_F_T(mk_unscented_config) *const config = &view->core->config->filter;
+    MK_REAL *const x = MK_F(mk_duif_values)(n, view), *const L = x + n;
+    const MK_F_T(mk_unscented) before = *view->filter.core;
+    const uint8_t had = view->filter.have[0];
+    for (int i = 0; i < n; i++) x[i] = view->filter.x[i];
+    for (int i = 0; i < MK_AT(n, 0); i++) L[i] = view->filter.L[i];
+    for (int attempt = 0; attempt < 2; attempt++)
+        if (MK_F(mk_unscented_restart)(n, 1, &view->filter, attempt ? config->x0 : x, config->P0) == MK_OK &&
+            MK_F(mk_unscented_predict)(n, &view->filter, dt, Q) == MK_OK) {
+            view->core->reinitialised++;
+            return MK_OK;
+        }
+    /* It was dt, Q or the model. */
+    for (int i = 0; i < n; i++) view->filter.x[i] = x[i];
+    for (int i = 0; i < MK_AT(n, 0); i++) view->filter.L[i] = L[i];
+    *view->filter.core = before;
+    view->filter.have[0] = had;
+    return status;
+}
+
+mk_status_t MK_F(mk_duif_predict)(int n, const MK_F_T(mk_duif_view) * view, MK_REAL dt, const MK_REAL *Q) {
+    if (!MK_F(mk_duif_reads)(view->core)) return MK_ERROR_ORDER;
+    mk_status_t status = MK_F(mk_unscented_predict)(n, &view->filter, dt, Q);
+    if (status == MK_ERROR_NOT_FINITE || status == MK_ERROR_NOT_POSITIVE_DEFINITE) status = MK_F(mk_duif_recover)(n, view, dt, Q, status);
+    if (status == MK_OK) view->core->dt = dt;
+    return status;
+}
+
+mk_status_t MK_F(mk_duif_measure)(int m, const MK_F_T(mk_duif_view) * view, const MK_REAL *z) {
+    return MK_F(mk_unscented_put)(m, 1, &view->filter, 0, z);
+}
+
+mk_status_t MK_F(mk_duif_drop)(const MK_F_T(mk_duif_view) * view) { return MK_F(mk_unscented_drop)(1, &view->filter, 0); }
 
 mk_status_t MK_F(mk_duif_contribute)(int n, int m, const MK_F_T(mk_duif_view) * view) {
     MK_F_T(mk_duif) *const core = view->core;
