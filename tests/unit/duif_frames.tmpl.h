@@ -304,6 +304,11 @@ static void NAME(masses)(void **unused) {
             wire_consensus(&wire, OWN, flags, 11, MODEL, 0, 0, 6, values);
             NAME(refused)(&b, wire.bytes, wire.length, MK_ERROR_IMPLAUSIBLE, 1);
         }
+        b.config.limit = 0;
+        values[5] = -0.5;
+        wire_consensus(&wire, OWN, flags, 11, MODEL, 0, 0, 6, values);
+        NAME(refused)(&b, wire.bytes, wire.length, MK_ERROR_IMPLAUSIBLE, 1);
+        b.config.limit = (REAL)2.5;
         values[5] = 2.0;
         wire_consensus(&wire, OWN, flags, 11, MODEL, 0, 0, 6, values);
         assert_int_equal(UNIT(accept)(&b.node, wire.bytes, wire.length), MK_OK);
@@ -445,7 +450,11 @@ static void NAME(behind)(void **unused) {
     NAME(finish)(&b);
     const REAL z[1] = {5};
     assert_int_equal(UNIT(measure)(&b.node, z), MK_OK);
+    wire_consensus(&wire, OWN, 0, 11, MODEL, 1, 0, 5, NAME(seven)); /* for a step that is passed over */
+    assert_int_equal(UNIT(accept)(&b.node, wire.bytes, wire.length), MK_OK);
     assert_int_equal(UNIT(advance)(&b.node, 3), MK_OK);
+    wire_consensus(&wire, OWN, 0, 11, MODEL, 3, 0, 5, NAME(seven));
+    assert_int_equal(UNIT(accept)(&b.node, wire.bytes, wire.length), MK_OK);
     assert_int_equal(b.node.core.step, 3);
     assert_int_equal(b.node.core.caught_up, 2);
     assert_int_equal(UNIT(measure)(&b.node, z), MK_OK); /* the reading was of another step, and went */
@@ -503,6 +512,28 @@ static void NAME(hostile)(void **unused) {
             NAME(finish)(&b);
             assert_int_equal(b.node.core.flags, MK_DUIF_ISOLATED | MK_DUIF_MISSING);
         }
+}
+
+/* A running sum that overflows in the middle of a step costs this node what it holds; what comes later is an average again. */
+static void NAME(overflow)(void **unused) {
+    (void)unused;
+    static NAME(bench_t) b;
+    wire_t wire;
+    const double largest = BITS == 64 ? DBL_MAX : (double)FLT_MAX;
+    NAME(bench_start)(&b, MK_CONSENSUS_RATIO, 3);
+    NAME(contribute)(&b, 1);
+    for (unsigned l = 0; l < 3; l++) {
+        double values[6] = {l == 1 ? largest : 2.0 * (l + 1), 1.0, l + 1.0, 0.0, l + 1.0, l == 2 ? 1.5 : l + 1.0};
+        for (unsigned node = 11; node <= (l == 2 ? 11u : 12u); node++) {
+            wire_consensus(&wire, OWN, MK_CONSENSUS_RATIO, node, MODEL, 0, l, 6, values);
+            assert_int_equal(UNIT(accept)(&b.node, wire.bytes, wire.length), MK_OK);
+        }
+        assert_int_equal(UNIT(iterate)(&b.node), MK_OK);
+    }
+    assert_int_equal(b.node.core.counts[MK_ERROR_IMPLAUSIBLE], 2);
+    assert_true(fabs((double)b.node.consensus.next[0] - 6.0) < 1e-5 && fabs((double)b.node.consensus.next[5] - 1.5) < 1e-5);
+    assert_int_equal(UNIT(fuse)(&b.node), MK_OK);
+    assert_int_equal(b.node.core.flags, MK_DUIF_MISSING);
 }
 
 /* Calls out of turn, and what a model or a configuration may get wrong. */

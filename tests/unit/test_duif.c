@@ -168,7 +168,7 @@ static void dense_range(int paper, double px, double py, double R, double z, con
 int main(void) {
     const struct CMUnitTest tests[] = {
         BOTH(kalman), BOTH(central), BOTH(kalman_consensus), BOTH(isolated), BOTH(short_numbers), BOTH(same_bits), BOTH(sent),
-        BOTH(damaged), BOTH(causes), BOTH(masses), BOTH(sealed), BOTH(behind), BOTH(hostile), BOTH(turns),
+        BOTH(damaged), BOTH(causes), BOTH(masses), BOTH(sealed), BOTH(behind), BOTH(hostile), BOTH(overflow), BOTH(turns),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
