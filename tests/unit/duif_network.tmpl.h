@@ -194,6 +194,7 @@ static void NAME(isolated)(void **unused) {
             path_graph(3, net.hears);
             NAME(net_make)(&net, protocol, L, 1);
             const REAL origin[N] = {(REAL)12345.678, (REAL)-0.7, (REAL)98.7, (REAL)1e4};
+            for (int k = 0; k < N; k++) net.member[0].x0[k] += (REAL)0.1;
             if (!measures) net.member[0].config.origin = origin; /* what is kept is kept to the last bit */
             NAME(net_start)(&net);
             NAME(draw_readings)(&net, &g, truth, z);

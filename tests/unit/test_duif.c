@@ -153,6 +153,7 @@ static void dense_range(int paper, double px, double py, double R, double z, con
 #define BITS 32
 #include "duif_network.tmpl.h"
 #include "duif_frames.tmpl.h"
+#include "duif_steps.tmpl.h"
 #undef PRECISION
 #undef REAL
 #undef BITS
@@ -162,6 +163,7 @@ static void dense_range(int paper, double px, double py, double R, double z, con
 #define BITS 64
 #include "duif_network.tmpl.h"
 #include "duif_frames.tmpl.h"
+#include "duif_steps.tmpl.h"
 
 #define BOTH(name) cmocka_unit_test(name##_f32), cmocka_unit_test(name##_f64)
 
