@@ -17,7 +17,7 @@ extern "C" {
        next to the multiples of pi too; beyond, an absolute error of |x| epsilon; NaN from 6.5e6 or 3.5e15 on, where the      \
        numbers lie about a radian apart, and for what is not finite. */                                                       \
     void mk_sincos_##real(mk_##real##_t x, mk_##real##_t *sine, mk_##real##_t *cosine);                                       \
-    /* The angle of the point (x, y), from -pi to pi; pi for y = 0 or -0 and x < 0. Error below 1.5 units in the last place.  \
+    /* The angle of the point (x, y), from -pi to pi; pi for y = 0 or -0 and x < 0. Error below 1.7 units in the last place.  \
        NaN at (0, 0) and where |x| + |y| is not finite. */                                                                    \
     mk_##real##_t mk_atan2_##real(mk_##real##_t y, mk_##real##_t x);                                                          \
     /* x less whole turns, the number nearest to what lies in [-pi, pi). Numbers of that interval come back as they are.      \

@@ -1,9 +1,12 @@
 /* SPDX-License-Identifier: MIT */
 /* The shared build: every function of the public headers, with dimensions known at run time and loops kept. */
 #define MK_ROLLED
+#include <meshkal/angle.h>
 #include <meshkal/kernels.h>
 #include <meshkal/node.h>
+#include <meshkal/tracking.h>
 
+#include "models/motion.h"
 #include "network/frame.h"
 #include "network/numbers.h"
 #include "node/blob.h"
@@ -41,6 +44,9 @@ const char *mk_status_name(mk_status_t status) {
 #define MK_BITS 32
 #include "real.h"
 #include "algebra/gamma_shared.tmpl.h"
+#include "algebra/trigonometric.tmpl.h"
+#include "models/motion.tmpl.h"
+#include "models/sensors.tmpl.h"
 #include "filter/rkfd_object.tmpl.h"
 #include "network/numbers.tmpl.h"
 #include "node/record.tmpl.h"
@@ -52,6 +58,9 @@ const char *mk_status_name(mk_status_t status) {
 #define MK_BITS 64
 #include "real.h"
 #include "algebra/gamma_shared.tmpl.h"
+#include "algebra/trigonometric.tmpl.h"
+#include "models/motion.tmpl.h"
+#include "models/sensors.tmpl.h"
 #include "filter/rkfd_object.tmpl.h"
 #include "network/numbers.tmpl.h"
 #include "node/record.tmpl.h"
