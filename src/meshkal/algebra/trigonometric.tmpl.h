@@ -95,8 +95,12 @@ MK_REAL MK_F(mk_wrap)(MK_REAL x) {
     if (x >= -MK_BELOW_PI && x <= MK_BELOW_PI) return x;
     if (!(x > -MK_TURN_LIMIT && x < MK_TURN_LIMIT)) return (MK_REAL)NAN;
     const MK_REAL sum = x * (MK_R(0.25) * MK_QUARTERS_IN_ONE) + MK_WHOLE;
-    MK_REAL low;
-    return MK_F(mk_less_quarters)(x, MK_R(4.0) * (sum - MK_WHOLE), &low);
+    MK_REAL low, k = MK_R(4.0) * (sum - MK_WHOLE);
+    const MK_REAL wrapped = MK_F(mk_less_quarters)(x, k, &low);
+    /* Next to half a turn the rounding of x / 2 pi decides for k: the wrong way is found here. */
+    if (wrapped >= -MK_BELOW_PI && wrapped <= MK_BELOW_PI) return wrapped;
+    k += wrapped > MK_R(0.0) ? MK_R(4.0) : MK_R(-4.0);
+    return MK_F(mk_less_quarters)(x, k, &low);
 }
 
 MK_REAL MK_F(mk_atan2)(MK_REAL y, MK_REAL x) {
