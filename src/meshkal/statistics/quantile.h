@@ -183,8 +183,9 @@ static double mk_law_quantile(const mk_law_t *law, double upper, double lower, d
         const double signed_ratio = by_upper ? -ratio : ratio;
         const double newton = -gap * signed_ratio, bend = 1.0 + 0.5 * (newton * point.slope + gap);
         step = bend > 0.25 ? newton / bend : newton;
-        /* The next error is of the third order. */
-        if (ratio > 0.0 && gap < 1e-6 && gap > -1e-6) break;
+        /* What is left after this step is of the third order. Not x exp(step): libgcc 12 for Cortex-M4F and M33 rounds 1 - t wrongly for t
+           between 2^-33 and 2^-32 (the bit below the last is lost), and last steps are often as small. */
+        if (gap < 1e-6 && gap > -1e-6 && step < 1e-5 && step > -1e-5) return x + x * (step + 0.5 * step * step);
         if ((gap > 0.0) == by_upper) low = x;
         else high = x;
         const double next = x * mk_exp_f64(step);
