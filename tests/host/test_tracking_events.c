@@ -165,14 +165,15 @@ static void start_of_a_recording(void **state) {
     close_scene(&scene);
 }
 
+#define NONE ((double)NAN)
 static void nearest_truth(void **state) {
     (void)state;
     /* Intervals 1, 1, 1, 4, 1: the median 1, so half of it counts. State 2 is not known at 1; the instant at 5 is too far from 3 and 7. */
     static const char x[] = STATE "1,0,101\n0,2,200\n0,0,100\n2,0,102\n2,2,202\n3,0,103\n3,2,203\n7,0,107\n8,0,108\n8,2,208\n";
     static const char y[] = HEAD "-0.5,0,0,1\n-0.51,0,0,1\n0.25,0,0,1\n0.5,0,0,1\n0.75,0,0,1\n1,0,0,1\n2.49,0,0,1\n3.5,0,0,1\n3.6,0,0,1\n5,0,0,1\n7.4,0,0,1\n"
                                  "8.5,0,0,1\n9,0,0,1\n";
-    static const double wanted[][2] = {{NAN, NAN}, {100, 200}, {100, 200}, {100, 200}, {101, NAN}, {101, NAN}, {102, 202},
-                                       {103, 203}, {NAN, NAN}, {NAN, NAN}, {107, NAN}, {108, 208}, {NAN, NAN}};
+    static const double wanted[][2] = {{NONE, NONE}, {100, 200}, {100, 200}, {100, 200}, {101, NONE}, {101, NONE}, {102, 202},
+                                       {103, 203}, {NONE, NONE}, {NONE, NONE}, {107, NONE}, {108, 208}, {NONE, NONE}};
     scene_t scene;
     mk_error_t error;
     mk_run_events_t stream;
