@@ -392,4 +392,5 @@ void vectors_run(vectors_kernels_t chosen) {
 #if MK_BITS == 64
     quantile_vectors();
 #endif
+    vectors_models(draw);
 }
