@@ -31,7 +31,7 @@ static double entry(const symmetric_t *s, int i, int j) {
     return s->metropolis ? 1.0 / fmax(s->scale[i], s->scale[j]) : s->scale[i] * s->scale[j];
 }
 
-static void open_symmetric(symmetric_t *s, const mk_protocol_t *p) {
+static void open_symmetric(symmetric_t *s, const mk_averaging_t *p) {
     const int nodes = p->links->nodes;
     double total = 0.0;
     s->links = p->links;
@@ -175,7 +175,7 @@ static int lanczos(const symmetric_t *s, mk_rate_t *rate) {
     return good;
 }
 
-int mk_rate(const mk_protocol_t *protocol, mk_rate_t *rate) {
+int mk_rate(const mk_averaging_t *protocol, mk_rate_t *rate) {
     symmetric_t s;
     open_symmetric(&s, protocol);
     const int good = protocol->links->nodes <= MK_DENSE_NODES ? dense_rate(&s, rate) : lanczos(&s, rate);
@@ -209,7 +209,7 @@ int mk_rates_single(const mk_links_t *links, double *modulus) {
         return 1;
     }
     unsigned char *none = mk_allocate((size_t)nodes, 1);
-    const mk_protocol_t protocol = {links, none, 0};
+    const mk_averaging_t protocol = {links, none, 0};
     symmetric_t s;
     open_symmetric(&s, &protocol);
     double *S = make_packed(&s), *mu = numbers(nodes), *vectors = numbers(nodes * nodes), *square = numbers(nodes), total = 0.0;
@@ -233,7 +233,7 @@ int mk_rates_single(const mk_links_t *links, double *modulus) {
 
 /* --- limit and iterations -------------------------------------------------------------------------------------------------- */
 
-int mk_perron(const mk_protocol_t *p, double *pi) {
+int mk_perron(const mk_averaging_t *p, double *pi) {
     const int nodes = p->links->nodes;
     double total = 0.0;
     for (int k = 0; k < nodes; k++) total += p->metropolis ? 1.0 : degree(p->links, k) + (!p->measures || p->measures[k]);

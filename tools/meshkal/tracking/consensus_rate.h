@@ -24,7 +24,7 @@ typedef struct {
     const mk_links_t *links;       /* undirected */
     const unsigned char *measures; /* paper: one a node, null for all; not read for Metropolis */
     int metropolis;
-} mk_protocol_t;
+} mk_averaging_t;
 
 typedef struct {
     double modulus; /* second largest eigenvalue modulus; 0 for one node */
@@ -34,14 +34,14 @@ typedef struct {
 
 /* For a protocol that need not converge; the graph must be connected. error is what was reached if Lanczos did not settle. 1, or 0 if LAPACK
    gives up. */
-int mk_rate(const mk_protocol_t *protocol, mk_rate_t *rate);
+int mk_rate(const mk_averaging_t *averaging, mk_rate_t *rate);
 
 /* The rate of the paper's protocol if node k alone measures, for every k: one eigendecomposition and, for each k, the two roots of the
    equation of a change of rank one. At most MK_DENSE_NODES nodes, connected. Errors of some 1e-14. 1, or 0 if LAPACK gives up. */
 int mk_rates_single(const mk_links_t *links, double *modulus);
 
 /* pi of the protocol: nodes numbers that sum to 1; 0 and nothing written if all weights are 0 (a silent node that hears nobody). */
-int mk_perron(const mk_protocol_t *protocol, double *pi);
+int mk_perron(const mk_averaging_t *averaging, double *pi);
 
 /* The least L >= 1 with modulus^L <= accuracy; -1 if there is none below 1e9. */
 long mk_iterations(double modulus, double accuracy);
