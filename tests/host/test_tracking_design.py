@@ -115,22 +115,22 @@ def in_range(s, node, x):
     return node["sensor"] != "none" and np.linalg.norm(split(s, x)[0] - node["position_m"]) <= node.get("range_limit_m", math.inf)
 
 
-def windows(s, path, times, length, members):
-    """Eigenvalues of P0 against I of every window, ascending: by B^-1 (I with the inverse of P0), from stacked rows."""
-    P0, out = np.array(s["model"]["P0"]), []
-    root = np.linalg.cholesky(P0)
-    for begin in range(len(path) - length + 1):
-        Phi, rows = np.eye(len(P0)), [np.zeros((1, len(P0)))]
+def derivatives(s, path, times):
+    """H of every step and node, weighted by R (None: out of range), and Phi from every step to the next."""
+    H = [[np.linalg.solve(np.linalg.cholesky(np.array(node["R"])), derivative(lambda x: SENSORS[node["sensor"]](*split(s, x), node), x))
+          if in_range(s, node, x) else None for node in s["nodes"]] for x in path]
+    return H, [derivative(lambda x: move(s, x, b - a), x) for a, b, x in zip(times, times[1:], path)]
+
+
+def windows(s, known, length, members):
+    """Eigenvalues of P0 against I of every window, ascending: squared singular values of stacked rows."""
+    (H, Phi), root, out = known, np.linalg.cholesky(np.array(s["model"]["P0"])), []
+    for begin in range(len(H) - length + 1):
+        moved, rows = root, [np.zeros((len(root), len(root)))]
         for t in range(begin, begin + length):
-            for k in members:
-                node = s["nodes"][k]
-                if in_range(s, node, path[t]):
-                    H = derivative(lambda x: SENSORS[node["sensor"]](*split(s, x), node), path[t])
-                    rows.append(np.linalg.solve(np.linalg.cholesky(np.array(node["R"])), H @ Phi @ root))
-            if t + 1 < len(path):
-                Phi = derivative(lambda x: move(s, x, times[t + 1] - times[t]), path[t]) @ Phi
-        sigma = np.linalg.svd(np.vstack(rows), compute_uv=False)
-        out.append(np.sort(np.concatenate((sigma, np.zeros(len(P0) - len(sigma)))) ** 2) if len(sigma) < len(P0) else np.sort(sigma ** 2))
+            rows += [H[t][k] @ moved for k in members if H[t][k] is not None]
+            moved = Phi[t] @ moved if t < len(Phi) else moved
+        out.append(np.sort(np.linalg.svd(np.vstack(rows), compute_uv=False) ** 2))
     return np.array(out)
 
 
@@ -153,7 +153,8 @@ def mean_path(s):
 
 def check_sight(s, sight, path, times, length):
     n, hears = len(s["model"]["x0"]), adjacency(s)
-    values = windows(s, path, times, length, range(len(s["nodes"])))
+    known = derivatives(s, path, times)
+    values = windows(s, known, length, range(len(s["nodes"])))
     seen = (values > 1e-10 * values[:, -1:]).sum(axis=1)
     net = sight["network"]
     assert net["states_seen_by_window"] == seen.tolist()
@@ -168,7 +169,7 @@ def check_sight(s, sight, path, times, length):
     assert sight["nobody_measures"] == runs([sum(m) == 0 for m in measuring])
     for k, node in enumerate(sight["nodes"]):
         members = [k, *np.nonzero(hears[k])[0]]
-        own = windows(s, path, times, length, members)
+        own = windows(s, known, length, members)
         own_seen = (own > 1e-10 * own[:, -1:]).sum(axis=1)
         assert node["steps_measured"] == sum(m[k] for m in measuring)
         assert node["steps_heard"] == sum(any(m[j] for j in members) for m in measuring)
@@ -184,16 +185,16 @@ def check_sight(s, sight, path, times, length):
 
 # --- the published scene ---------------------------------------------------------------------------------------------
 
-@pytest.mark.parametrize("limit,gaps", [(None, False), (100, False), (90, True), (85, True)])
+@pytest.mark.parametrize("limit,gaps", [(None, False), (100, False), (85, False), (80, False), (79, True), (70, True)])
 def test_published_scene(design, limit, gaps):
-    """Below about 90 m there are intervals with fewer than two measuring nodes."""
+    """On the straight line from x0 the second nearest sensor is never farther than 79.6 m."""
     s = scene(limit)
     r = design(s)
     assert r["failure"] is None
     path = mean_path(s)
     check_sight(s, r["observability"], path, np.arange(1, 81), 10)
-    assert bool(r["observability"]["fewer_than_two_measure"]) == gaps or limit == 90
-    assert ("fewer than two nodes measure" in r["text"]) == bool(r["observability"]["fewer_than_two_measure"])
+    assert bool(r["observability"]["fewer_than_two_measure"]) == gaps
+    assert any(w.startswith("fewer than two nodes measure") for w in r["warnings"]) == gaps
     hears = adjacency(s)
     case = {(c["weights"], c.get("measuring")): c for c in r["consensus"]["cases"]}
     assert case["paper", "all"]["converges"] and case["paper", "one"]["converges"] and case["metropolis", None]["converges"]
@@ -203,6 +204,29 @@ def test_published_scene(design, limit, gaps):
     assert abs(case["paper", "one"]["second_eigenvalue"] - max(worst)) < 1e-12 and abs(worst[case["paper", "one"]["node"]] - max(worst)) < 1e-12
     assert np.allclose(r["consensus"]["perron_weights"], np.array([2, 3, 2]) / 7, atol=1e-15)
     assert abs(case["paper", "all"]["left"] - second(paper(hears, [1, 1, 1])) ** 10) < 1e-13
+
+
+@pytest.mark.once
+def test_drawn_trajectories_of_the_published_scene(design):
+    """With process noise a target leaves the straight line: below about 90 m most runs have intervals with fewer than two measuring nodes.
+    Shares of runs and steps against as many runs drawn in NumPy; 4.4 standard errors of the difference, 1e-5 two-sided."""
+    rng, runs_made = np.random.default_rng(21), 1000
+    L = np.linalg.cholesky(0.01 * np.array([[1 / 3, 1 / 2], [1 / 2, 1]]))
+    places, shares = np.array([node["position_m"] for node in scene()["nodes"]]), []
+    for limit in (100, 90, 85, 80):
+        p, v, few = np.tile([10.0, 20.0], (runs_made, 1)), np.tile([1.0, 0.6], (runs_made, 1)), np.zeros((runs_made, 80), bool)
+        for t in range(80):
+            w = L @ rng.standard_normal((runs_made, 2, 2))
+            p, v = p + v + w[:, 0], v + w[:, 1]
+            few[:, t] = (np.linalg.norm(p[:, None] - places, axis=2) <= limit).sum(axis=1) < 2
+        s = scene(limit)
+        s["model"]["start"] = "estimate"
+        drawn = design(s, "--runs", runs_made)["drawn"]
+        share, expected = drawn["runs_with_fewer_than_two"] / runs_made, few.any(axis=1).mean()
+        assert abs(share - expected) < 4.4 * math.sqrt(2 * expected * (1 - expected) / runs_made)
+        assert abs(drawn["fewer_than_two_measure"] - few.mean()) < 4.4 * math.sqrt(2) * few.mean(axis=1).std() / math.sqrt(runs_made)
+        shares.append(share)
+    assert shares == sorted(shares) and shares[2] > 0.5 > shares[0]
 
 
 def test_cases_on_a_random_network(design):
@@ -369,7 +393,7 @@ def test_many_nodes(design):
 
 # --- wrong input -----------------------------------------------------------------------------------------------------
 
-BAD = [(("--tolerance", "0.1"), "--tolerance is for linear scenarios"), (("--c-header", "{}/h"), "--c-header is for linear scenarios"),
+BAD = [(("--runs", "3", "--truth", "{}/hole.csv"), "--runs draws trajectories"), (("--tolerance", "0.1"), "--tolerance is for linear scenarios"), (("--c-header", "{}/h"), "--c-header is for linear scenarios"),
        (("--covariances",), "--covariances is for linear scenarios"), (("--window", "0"), "--window 0: must be an integer from 1"),
        (("--condition", "x"), "--condition x: must be a number"), (("--truth", "{}/none.csv"), "none.csv"),
        (("--truth", "{}/hole.csv"), "state 1 (py) has a value at 1 of 2 times"), (("--truth", "{}/two.csv"), "two.csv:3: t = 1, state 0 has a value already"),

@@ -9,18 +9,25 @@
 #include "plugin_load.h"
 #include "tracking/tracking_design.h"
 
+/* Runs by default, and readings of all of them together. */
+enum { RUNS = 100, READINGS = 20000000 };
+
 static int settle(const mk_scenario_t *s, const mk_design_tracking_arguments_t *a, mk_tracking_design_settings_t *settings, mk_error_t *error) {
-    long long window = 10, threads = mk_cores();
+    long long window = 10, threads = mk_cores(), runs = RUNS;
     settings->condition = 1e8;
     if (!mk_option_integer("window", a->window, 1, 1000000000, &window, error) ||
         !mk_option_real("condition", a->condition, 1.0, 1e300, &settings->condition, error) ||
-        !mk_option_integer("threads", a->threads, 1, 1024, &threads, error))
+        !mk_option_integer("runs", a->runs, 0, 1000000, &runs, error) || !mk_option_integer("threads", a->threads, 1, 1024, &threads, error))
         return 0;
+    if (a->truth && a->runs) return mk_fail(error, "--runs draws trajectories; --truth FILE.csv gives one");
     settings->window = (long)window;
     settings->threads = (int)threads;
     settings->truth = a->truth;
     settings->steps = s->steps;
-    settings->allow = a->allow;
+    /* By default a second or so. */
+    const double most = READINGS / ((double)s->nodes * (double)s->steps);
+    if (!a->runs && (double)runs > most) runs = (long long)most;
+    settings->runs = a->truth ? 0 : (long)runs;
     return 1;
 }
 
@@ -47,7 +54,7 @@ int mk_design_tracking(const mk_scenario_t *s, const mk_design_tracking_argument
     }
     if (!status) {
         mk_print_tracking_design(&results);
-        if (results.failure.text[0] && !settings.allow) {
+        if (results.failure.text[0] && !a->allow) {
             error = results.failure;
             status = MK_EXIT_FAILED;
         }

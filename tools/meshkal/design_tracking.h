@@ -7,7 +7,7 @@
 
 /* Values of options as they were given, null where not. */
 typedef struct {
-    const char *json, *truth, *models, *window, *condition, *threads;
+    const char *json, *truth, *models, *window, *condition, *runs, *threads;
     int allow;
 } mk_design_tracking_arguments_t;
 

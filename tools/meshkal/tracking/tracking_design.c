@@ -236,6 +236,8 @@ static void warn_sight(mk_tracking_design_t *r) {
     if (few)
         warn(r, "fewer than two nodes measure at %ld of %ld steps: %s; ranges then fit mirror images of the target as well as the target", few,
              p->instants, text);
+    if (r->coverage.runs_few && !few)
+        warn(r, "the mean trajectory hides it: in %ld of %ld drawn runs fewer than two nodes measure at times", r->coverage.runs_few, r->coverage.runs);
     mk_runs_text(r, r->windows, mk_window_unseen, text, sizeof text);
     if (net->unseen)
         warn(r, "the network does not see all %d states (%d at least) in %ld of %ld windows, which begin at steps %s", p->n, net->least_seen, net->unseen,
@@ -264,6 +266,10 @@ int mk_tracking_design(mk_tracking_design_t *r, const mk_models_f64_t *models, c
     r->node = mk_allocate((size_t)s->nodes, sizeof *r->node);
     mk_windows_network(&r->trajectory, models->P0, r->length, settings->condition, settings->threads, r->window, &r->network);
     mk_windows_nodes(&r->trajectory, models->P0, s->first, s->slot, r->length, settings->condition, settings->threads, r->node);
+    if (settings->runs && !mk_coverage(models, settings->steps, settings->runs, &r->coverage, error)) {
+        mk_tracking_design_free(r);
+        return 0;
+    }
     warn_graph(r);
     warn_sight(r);
     r->seconds = mk_seconds() - begin;

@@ -6,6 +6,7 @@
 #include <stdio.h>
 
 #include "tracking/consensus_rate.h"
+#include "tracking/coverage.h"
 #include "tracking/windows.h"
 
 /* Of the disagreement that is left, for which iterations are counted. */
@@ -29,7 +30,8 @@ typedef struct {
     const char *truth;      /* a file; null: the mean trajectory */
     long steps, window;
     double condition;       /* limit of the warning */
-    int threads, allow;     /* allow: goes on though it cannot work */
+    long runs;              /* drawn for the coverage */
+    int threads;
 } mk_tracking_design_settings_t;
 
 typedef struct {
@@ -48,6 +50,7 @@ typedef struct {
     long length, windows;   /* of a window, in instants: settings.window or all there are; number of windows */
     mk_window_t *window;
     mk_windows_t network, *node;
+    mk_coverage_t coverage;
 
     char **warning;
     int warnings;

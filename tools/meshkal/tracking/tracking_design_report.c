@@ -135,6 +135,18 @@ static json_t *sight_json(const mk_tracking_design_t *r) {
     return object;
 }
 
+static json_t *coverage_json(const mk_coverage_t *c) {
+    json_t *object = json_object();
+    const double all = (double)c->runs * (double)c->steps;
+    mk_json_set(object, "runs", json_integer(c->runs));
+    mk_json_set(object, "steps", json_integer(c->steps));
+    mk_json_set(object, "fewer_than_two_measure", json_real((double)c->few / all));
+    mk_json_set(object, "nobody_measures", json_real((double)c->none / all));
+    mk_json_set(object, "runs_with_fewer_than_two", json_integer(c->runs_few));
+    mk_json_set(object, "longest", json_integer(c->longest));
+    return object;
+}
+
 void mk_write_tracking_design(FILE *stream, const mk_tracking_design_t *r) {
     json_t *root = json_object(), *warnings = json_array();
     for (int i = 0; i < r->warnings; i++) (void)json_array_append_new(warnings, json_string(r->warning[i]));
@@ -145,6 +157,7 @@ void mk_write_tracking_design(FILE *stream, const mk_tracking_design_t *r) {
     mk_json_set(root, "graph", graph_json(r));
     mk_json_set(root, "consensus", consensus_json(r));
     mk_json_set(root, "observability", sight_json(r));
+    mk_json_set(root, "drawn", r->coverage.runs ? coverage_json(&r->coverage) : json_null());
     mk_json_put(stream, root);
     (void)fputs("\n", stream);
 }
@@ -221,6 +234,10 @@ static void print_sight(const mk_tracking_design_t *r) {
     }
     (void)printf("a node: with its neighbours, without consensus. window: the first step of the worst. unseen: windows that see less than %d states,\n"
                  "states: the least they see. ill: windows with a condition above %.3g\n", p->n, r->settings.condition);
+    if (r->coverage.runs)
+        (void)printf("%ld drawn runs: fewer than two nodes measure at %.2g %% of the steps, at some in %ld runs, up to %ld in a row; nobody at %.2g %%\n",
+                     r->coverage.runs, 100.0 * (double)r->coverage.few / (double)(r->coverage.runs * r->coverage.steps), r->coverage.runs_few,
+                     r->coverage.longest, 100.0 * (double)r->coverage.none / (double)(r->coverage.runs * r->coverage.steps));
 }
 
 void mk_print_tracking_design(const mk_tracking_design_t *r) {

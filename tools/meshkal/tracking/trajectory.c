@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "csv.h"
+#include "tracking/events.h"
 
 static double *numbers(size_t count) { return mk_allocate(count + 1, sizeof(double)); }
 
@@ -163,18 +164,6 @@ static int weigh(int n, int rows, const double *R, double *H, double *L, double 
     return finite(MK_PACKED(n), information);
 }
 
-static int reaches(const mk_scenario_t *s, int k, const double *x) {
-    const mk_tracking_node_t *node = &s->tracking->node[k];
-    double square = 0.0;
-    if (node->kind == MK_SENSOR_NONE) return 0;
-    if (isinf(node->range_limit_m)) return 1;
-    for (int a = 0; a < s->tracking->motion.dimensions; a++) {
-        const double d = x[s->tracking->motion.position[a]] - s->sensor[k].position_m[a];
-        square += d * d;
-    }
-    return sqrt(square) <= node->range_limit_m;
-}
-
 static void make_information(mk_trajectory_t *r, const mk_models_f64_t *models) {
     const mk_scenario_t *s = models->scenario;
     const size_t packed = MK_PACKED((size_t)r->n), n = (size_t)r->n;
@@ -190,7 +179,7 @@ static void make_information(mk_trajectory_t *r, const mk_models_f64_t *models) 
             const mk_sensor_f64_t *sensor = &models->sensor[k];
             int *const entry = &r->entry[(size_t)t * (size_t)r->nodes + (size_t)k];
             *entry = -1;
-            if (!reaches(s, k, x)) continue;
+            if (s->tracking->node[k].kind == MK_SENSOR_NONE || !mk_in_range(s, k, x)) continue;
             if (used == room) {
                 double *more = numbers(2 * room * packed);
                 memcpy(more, r->information, used * packed * sizeof *more);
