@@ -3,6 +3,8 @@
 nonsymmetric matrices), the published scene of spec 4.3, and networks that cannot work."""
 import json
 import math
+import pathlib
+import subprocess
 
 import numpy as np
 import pytest
@@ -279,6 +281,7 @@ def test_observability_of_every_sensor(design):
 def test_recorded_truth(design, tmp_path):
     """Irregular times; only positions: velocities are differences. All states, shuffled: the same as in NumPy."""
     s, rng = scene(95), np.random.default_rng(4)
+    s["nodes"][2]["sensor"] = "range-rate"  # whose derivative has the velocity in it
     times = np.cumsum(rng.uniform(0.2, 1.4, 40))
     position = np.column_stack((20 + 1.5 * times, 30 + 5 * np.sin(times / 5)))
     velocity = np.empty_like(position)
@@ -295,6 +298,62 @@ def test_recorded_truth(design, tmp_path):
     check_sight(s, a["observability"], path, times, 6)
     assert np.allclose(a["observability"]["network"]["eigenvalue_by_window"], b["observability"]["network"]["eigenvalue_by_window"], rtol=1e-9)
     assert "no velocity" in b["text"] and "no velocity" not in a["text"]
+
+
+def test_recorded_truth_without_its_turn_rate(design, tmp_path):
+    """What the file has nowhere stays as in x0: the same as a column of that value."""
+    s = scene()
+    s["model"] |= {"motion": "constant-turn", "states": ["px", "py", "vx", "vy", "omega"], "x0": [10, 20, 1, 0.6, 0.3],
+                   "P0": np.diag([25.0, 25, 1, 1, 0.1]).tolist()}
+    rows = [f"{t},{i},{v}" for t in range(30) for i, v in enumerate((20 + t, 30 + 0.5 * t * t / 10, 1, t / 10))]
+    part, full, other = (tmp_path / name for name in ("part.csv", "full.csv", "other.csv"))
+    part.write_text("\n".join(["t,state,value", *rows]))
+    full.write_text("\n".join(["t,state,value", *rows, *(f"{t},4,0.3" for t in range(30))]))
+    other.write_text("\n".join(["t,state,value", *rows, *(f"{t},4,0.1" for t in range(30))]))
+    a, b, c = (design(s, "--truth", path) for path in (part, full, other))
+    assert a["observability"] == b["observability"] != c["observability"]
+    assert "states that the file does not have stay as in x0: 1" in a["text"]
+
+
+OWN = """
+#include <math.h>
+#include <meshkal/plugin.h>
+static mk_status_t h(const void *context, double dt, int count, const double *x, double *z) {
+    const mk_plugin_context_f64_t *c = context;
+    for (int i = 0; i < count; i++) {
+        const double dx = x[i * c->n] - c->site.position[0], dy = x[i * c->n + 1] - c->site.position[1];
+        z[2 * i] = sqrt(dx * dx + dy * dy);
+        z[2 * i + 1] = atan2(dy, dx);
+    }
+    return MK_OK;
+}
+static void minus(const void *context, const double *a, const double *b, double *d) {
+    d[0] = a[0] - b[0];
+    d[1] = remainder(a[1] - b[1], 6.283185307179586);
+}
+static const mk_plugin_model_t model[] = {{.name = "own", .kind = MK_PLUGIN_SENSOR, .size = 2, .f64 = {.function = h, .difference = minus}}};
+static const mk_plugin_t table = {MK_PLUGIN_VERSION, 1, model};
+const mk_plugin_t *meshkal_plugin(void) { return &table; }
+"""
+
+
+def test_own_sensor_without_jacobian(design, tmp_path):
+    """Central differences of the function, across the half turn too: the target moves straight at the sensor, from where azimuth is pi."""
+    (tmp_path / "own.c").write_text(OWN)
+    root = pathlib.Path(__file__).resolve().parents[2]
+    subprocess.run(["gcc", "-std=c99", "-O2", "-shared", "-fPIC", f"-I{root}/include", f"-I{root}/port/host", tmp_path / "own.c", "-o",
+                    tmp_path / "own.so", "-lm"], check=True)
+    s = scene(steps=30)
+    s["model"]["x0"] = [0, 0, 1, 0]
+    s["nodes"] = [{"sensor": "range-bearing", "position_m": p, "R": [[1, 0], [0, 1e-4]]} for p in ([100, 0], [0, 70], [30, -30])]
+    built_in = design(s)
+    for node in s["nodes"]:
+        node |= {"sensor": "plugin", "name": "own"}
+    own = design(s, "--models", tmp_path / "own.so")
+    for key in ("eigenvalue_by_window", "condition_by_window"):
+        assert np.allclose(own["observability"]["network"][key], built_in["observability"]["network"][key], rtol=1e-7)
+    assert np.allclose([n["smallest_eigenvalue"] for n in own["observability"]["nodes"]],
+                       [n["smallest_eigenvalue"] for n in built_in["observability"]["nodes"]], rtol=1e-7)
 
 
 # --- networks that cannot work ---------------------------------------------------------------------------------------

@@ -25,8 +25,7 @@ static void MK_PRINTF(2, 3) warn(mk_tracking_design_t *r, const char *format, ..
     (void)strcpy(more[r->warnings++], text.text);
 }
 
-/* "nodes 3, 4, ..." of those with flag[k] == value. */
-static void list_nodes(int nodes, const int *flag, int value, char *text, size_t room) {
+void mk_nodes_text(int nodes, const int *flag, int value, char *text, unsigned long room) {
     int count = 0;
     for (int k = 0; k < nodes; k++) count += flag[k] == value;
     (void)snprintf(text, room, count == 1 ? "node" : "nodes");
@@ -194,10 +193,10 @@ static void warn_graph(mk_tracking_design_t *r) {
         alone[k] = s->nodes > 1 && r->parts.size[r->parts.source[k]] == 1;
         isolated += alone[k];
     }
-    list_nodes(s->nodes, alone, 1, text, sizeof text);
+    mk_nodes_text(s->nodes, alone, 1, text, sizeof text);
     if (isolated) warn(r, "%s %s no links", text, isolated == 1 ? "has" : "have");
     if (r->parts.sources > 1) {
-        list_nodes(s->nodes, r->parts.source, 0, text, sizeof text);
+        mk_nodes_text(s->nodes, r->parts.source, 0, text, sizeof text);
         (void)mk_fail(&r->failure, "the graph falls into %d parts (%s is one) that never agree: add links (--allow-unobservable goes on)", r->parts.sources,
                       text);
     }
@@ -215,7 +214,7 @@ static void warn_graph(mk_tracking_design_t *r) {
         most = fmax(most, s->nodes * r->pi[k]);
     }
     if (most > 1.01 || least < 0.99)
-        warn(r, "protocol paper does not reach the average: nodes count %.3g to %.3g times too much; perron and metropolis do", least, most);
+        warn(r, "protocol paper does not reach the average: nodes count %.3g to %.3g times what they should; perron, metropolis and ratio reach it", least, most);
 }
 
 static void warn_sight(mk_tracking_design_t *r) {

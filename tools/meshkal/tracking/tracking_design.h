@@ -68,6 +68,8 @@ void mk_tracking_design_free(mk_tracking_design_t *results);
 /* Runs of instants for which chosen(context, instant) holds, from 1: "3-7, 9"; at most `room` bytes, "..." for what has no room. */
 void mk_runs_text(const mk_tracking_design_t *results, long count, int (*chosen)(const mk_tracking_design_t *results, long instant), char *text,
                   unsigned long room);
+/* "nodes 3, 4, ..." of those with flag[k] == value, ten at most. */
+void mk_nodes_text(int nodes, const int *flag, int value, char *text, unsigned long room);
 /* The choices: of instants, then of windows by their first instants. */
 int mk_nobody_measures(const mk_tracking_design_t *results, long instant);
 int mk_fewer_than_two_measure(const mk_tracking_design_t *results, long instant);

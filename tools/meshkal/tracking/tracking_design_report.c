@@ -190,6 +190,12 @@ static void print_consensus(const mk_tracking_design_t *r) {
     const mk_scenario_t *s = r->scenario;
     int lanczos = 0, least = 0, most = 0;
     double error = 0.0;
+    for (int i = 0; i < r->parts.sources && i < 10 && r->parts.sources > 1; i++) {
+        char text[256];
+        mk_nodes_text(s->nodes, r->parts.source, i, text, sizeof text);
+        (void)printf("part %d: %s%s\n%s", i, text, r->parts.period[i] == 2 ? ", bipartite" : "",
+                     i + 1 == r->parts.sources ? "\n" : i == 9 ? "...\n\n" : "");
+    }
     (void)printf("%-22s %10s %9s %6s %6s %6s %6s %6s   at L = %-d\n", "consensus, L for", "2nd eigenv.", "gap", "1e-1", "1e-2", "1e-3", "1e-6", "1e-9",
                  s->tracking->iterations);
     for (int i = 0; i < MK_CASE_COUNT; i++) {
@@ -234,7 +240,8 @@ static void print_sight(const mk_tracking_design_t *r) {
     }
     (void)printf("a node: with its neighbours, without consensus. window: the first step of the worst. unseen: windows that see less than %d states,\n"
                  "states: the least they see. ill: windows with a condition above %.3g\n", p->n, r->settings.condition);
-    if (r->coverage.runs)
+    if (r->coverage.runs && r->coverage.few == 0) (void)printf("%ld drawn runs: always two nodes or more measure\n", r->coverage.runs);
+    else if (r->coverage.runs)
         (void)printf("%ld drawn runs: fewer than two nodes measure at %.2g %% of the steps, at some in %ld runs, up to %ld in a row; nobody at %.2g %%\n",
                      r->coverage.runs, 100.0 * (double)r->coverage.few / (double)(r->coverage.runs * r->coverage.steps), r->coverage.runs_few,
                      r->coverage.longest, 100.0 * (double)r->coverage.none / (double)(r->coverage.runs * r->coverage.steps));
