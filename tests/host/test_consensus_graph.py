@@ -305,3 +305,15 @@ def test_lanczos_on_large_graphs(rate, kind):
         symmetric = np.linalg.eigvalsh(root[:, None] * P / root[None])
         expected = max(abs(symmetric[0]), abs(symmetric[-2]))
         assert found.steps > 0 and abs(found.modulus - expected) < 1e-11 + found.error and found.error < 1e-9, (found.error, found.steps)
+
+
+def test_lanczos_on_a_long_chain(lib):
+    """Metropolis on a chain, 1/3 to each side: eigenvalues 1 - 2/3 (1 - cos(pi k / n)). The gap, 4e-7, is right, too."""
+    n = 3000
+    ends = [[j for j in (k - 1, k + 1) if 0 <= j < n] for k in range(n)]
+    first = np.concatenate(([0], np.cumsum([len(e) for e in ends]))).astype(np.int32)
+    slot = np.concatenate(ends).astype(np.int32)
+    links, result = Links(n, first.ctypes.data, slot.ctypes.data), Rate()
+    assert lib.mk_rate(ctypes.byref(Protocol(ctypes.pointer(links), None, 1)), ctypes.byref(result))
+    gap = 4 / 3 * math.sin(math.pi / 2 / n) ** 2
+    assert abs((1 - result.modulus) / gap - 1) < 1e-6 and result.error <= 1e-3 * gap, (result.modulus, result.error, result.steps)

@@ -234,12 +234,15 @@ def test_drawn_trajectories_of_the_published_scene(design):
 def test_cases_on_a_random_network(design):
     rng = np.random.default_rng(12)
     for n in (4, 13):
-        nodes = [{"sensor": "range", "position_m": rng.uniform(-50, 50, 2).tolist(), "R": [[2.0]]} if k % 4 != 3 else {"sensor": "none"} for k in range(n)]
-        edges = sorted({(int(rng.integers(k)), k) for k in range(1, n)} | {tuple(sorted(map(int, rng.choice(n, 2, replace=False)))) for _ in range(n // 3)})
+        nodes = [{"sensor": "range", "position_m": rng.uniform(-50, 50, 2).tolist(), "R": [[2.0]]} if k % 4 != 3 else {"sensor": "none"}
+                 for k in range(n)]
+        edges = sorted({(int(rng.integers(k)), k) for k in range(1, n)} |
+                       {tuple(sorted(map(int, rng.choice(n, 2, replace=False)))) for _ in range(n // 3)})
         s = scene(nodes=nodes, edges=edges, steps=12, tracking={"consensus": {"protocol": "ratio", "iterations": 7}})
         r, hears = design(s), adjacency(s)
         sensing = np.array([node["sensor"] != "none" for node in nodes], float)
-        expected = {("paper", "all"): second(paper(hears, sensing)), ("metropolis", None): second(metropolis(hears)), ("ratio", None): second(ratio(hears)),
+        expected = {("paper", "all"): second(paper(hears, sensing)), ("metropolis", None): second(metropolis(hears)),
+                    ("ratio", None): second(ratio(hears)),
                     ("paper", "one"): max(second(paper(hears, e)) for e, there in zip(np.eye(n), sensing) if there)}
         for case in r["consensus"]["cases"]:
             key = case["weights"], case.get("measuring")
@@ -249,6 +252,7 @@ def test_cases_on_a_random_network(design):
             assert case["iterations"] == [max(1, math.ceil(math.log(a) / math.log(expected[key]))) for a in (1e-1, 1e-2, 1e-3, 1e-6, 1e-9)]
         pi = np.array(r["consensus"]["perron_weights"])
         assert np.abs(pi @ paper(hears, sensing) - pi).max() < 1e-15
+        assert np.allclose(r["consensus"]["perron_scales"], 1 / (n * pi), rtol=1e-14)
         assert r["graph"]["without_sensor"] == [k for k in range(n) if k % 4 == 3]
 
 
@@ -371,6 +375,14 @@ def test_one_node(design):
     assert r["observability"]["network"]["windows_unseen"] == 0
 
 
+def test_one_blind_node_and_one_step(design):
+    s = scene(edges=[], steps=1)
+    s["nodes"] = [{"sensor": "none"}]
+    r = design(s, status=1)
+    assert "no node has a sensor" in r["complaint"] and r["observability"]["window"] == r["observability"]["steps"] == 1
+    assert r["observability"]["network"]["states_seen_by_window"] == [0]
+
+
 def test_two_nodes(design):
     """The smallest bipartite graph: swings if nobody measures."""
     s = scene(edges=[[0, 1]])
@@ -438,7 +450,8 @@ def test_threads_change_nothing(design):
 def test_many_nodes(design):
     """Above LAPACK's share: Lanczos, and the worst node of those tried."""
     side = 25
-    nodes = [{"sensor": "range", "position_m": [10.0 * (k % side), 10.0 * (k // side)], "R": [[1.0]], "range_limit_m": 30.0} for k in range(side * side)]
+    nodes = [{"sensor": "range", "position_m": [10.0 * (k % side), 10.0 * (k // side)], "R": [[1.0]], "range_limit_m": 30.0}
+             for k in range(side * side)]
     edges = [[k, k + 1] for k in range(side * side) if k % side < side - 1] + [[k, k + side] for k in range(side * (side - 1))]
     s = scene(nodes=nodes, edges=edges, steps=20)
     r, hears = design(s), adjacency(s)
@@ -452,10 +465,12 @@ def test_many_nodes(design):
 
 # --- wrong input -----------------------------------------------------------------------------------------------------
 
-BAD = [(("--runs", "3", "--truth", "{}/hole.csv"), "--runs draws trajectories"), (("--tolerance", "0.1"), "--tolerance is for linear scenarios"), (("--c-header", "{}/h"), "--c-header is for linear scenarios"),
+BAD = [(("--runs", "3", "--truth", "{}/hole.csv"), "--runs draws trajectories"),
+       (("--tolerance", "0.1"), "--tolerance is for linear scenarios"), (("--c-header", "{}/h"), "--c-header is for linear scenarios"),
        (("--covariances",), "--covariances is for linear scenarios"), (("--window", "0"), "--window 0: must be an integer from 1"),
        (("--condition", "x"), "--condition x: must be a number"), (("--truth", "{}/none.csv"), "none.csv"),
-       (("--truth", "{}/hole.csv"), "state 1 (py) has a value at 1 of 2 times"), (("--truth", "{}/two.csv"), "two.csv:3: t = 1, state 0 has a value already"),
+       (("--truth", "{}/hole.csv"), "state 1 (py) has a value at 1 of 2 times"),
+       (("--truth", "{}/two.csv"), "two.csv:3: t = 1, state 0 has a value already"),
        (("--truth", "{}/blind.csv"), "no values of state 1 (py), which is a position"), (("--truth", "{}/empty.csv"), "no values"),
        (("--truth", "{}/state.csv"), "state is 4: must be an integer from 0 to 3")]
 

@@ -163,7 +163,9 @@ static int lanczos(const symmetric_t *s, mk_rate_t *rate) {
         rate->steps = m;
         /* The other end may still grow past this one. */
         const double other = beta[m - 1] * fabs(upper ? low_last : high_last);
-        settled = over || (rate->error <= 1e-10 && fmin(fabs(low), fabs(high)) + other <= rate->modulus + 1e-10);
+        /* Iterations go with 1 / (1 - modulus). */
+        const double enough = fmax(fmin(1e-10, 1e-3 * (1.0 - rate->modulus)), 1e-14);
+        settled = over || (rate->error <= enough && fmin(fabs(low), fabs(high)) + other <= rate->modulus + enough);
         check += check / 4;
         if (check > MOST_STEPS) check = MOST_STEPS;
     }

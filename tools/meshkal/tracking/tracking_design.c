@@ -197,8 +197,8 @@ static void warn_graph(mk_tracking_design_t *r) {
     if (isolated) warn(r, "%s %s no links", text, isolated == 1 ? "has" : "have");
     if (r->parts.sources > 1) {
         mk_nodes_text(s->nodes, r->parts.source, 0, text, sizeof text);
-        (void)mk_fail(&r->failure, "the graph falls into %d parts (%s is one) that never agree: add links (--allow-unobservable goes on)", r->parts.sources,
-                      text);
+        (void)mk_fail(&r->failure, "the graph falls into %d parts (%s is one) that never agree: add links (--allow-unobservable goes on)",
+                      r->parts.sources, text);
     }
     if (r->sensors == 0) (void)mk_fail(&r->failure, "no node has a sensor (--allow-unobservable goes on)");
     free(alone);
@@ -214,7 +214,8 @@ static void warn_graph(mk_tracking_design_t *r) {
         most = fmax(most, s->nodes * r->pi[k]);
     }
     if (most > 1.01 || least < 0.99)
-        warn(r, "protocol paper does not reach the average: nodes count %.3g to %.3g times what they should; perron, metropolis and ratio reach it", least, most);
+        warn(r, "protocol paper does not reach the average: nodes count %.3g to %.3g times what they should; perron, metropolis and ratio reach it",
+             least, most);
 }
 
 static void warn_sight(mk_tracking_design_t *r) {
@@ -233,20 +234,21 @@ static void warn_sight(mk_tracking_design_t *r) {
     if (none) warn(r, "nobody measures at %ld of %ld steps: %s", none, p->instants, text);
     mk_runs_text(r, p->instants, mk_fewer_than_two_measure, text, sizeof text);
     if (few)
-        warn(r, "fewer than two nodes measure at %ld of %ld steps: %s; ranges then fit mirror images of the target as well as the target", few,
-             p->instants, text);
+        warn(r, "fewer than two nodes measure at %ld of %ld steps: %s; ranges then fit mirror images of the target as well as the target",
+             few, p->instants, text);
     if (r->coverage.runs_few && !few)
-        warn(r, "the mean trajectory hides it: in %ld of %ld drawn runs fewer than two nodes measure at times", r->coverage.runs_few, r->coverage.runs);
+        warn(r, "the mean trajectory hides it: in %ld of %ld drawn runs fewer than two nodes measure at times", r->coverage.runs_few,
+             r->coverage.runs);
     mk_runs_text(r, r->windows, mk_window_unseen, text, sizeof text);
     if (net->unseen)
-        warn(r, "the network does not see all %d states (%d at least) in %ld of %ld windows, which begin at steps %s", p->n, net->least_seen, net->unseen,
-             r->windows, text);
+        warn(r, "the network does not see all %d states (%d at least) in %ld of %ld windows, which begin at steps %s", p->n,
+             net->least_seen, net->unseen, r->windows, text);
     mk_runs_text(r, r->windows, mk_window_ill, text, sizeof text);
     if (net->ill)
         warn(r, "condition number above %.3g in %ld of %ld windows, which begin at steps %s", r->settings.condition, net->ill, r->windows, text);
     if (net->unseen == r->windows && !r->failure.text[0])
-        (void)mk_fail(&r->failure, "in no window of %ld steps the sensors in range see all %d states: %d at least are missing (--allow-unobservable goes on)",
-                      r->length, p->n, p->n - net->least_seen);
+        (void)mk_fail(&r->failure, "in no window of %ld steps the sensors in range see all %d states (--allow-unobservable goes on)", r->length,
+                      p->n);
 }
 
 int mk_tracking_design(mk_tracking_design_t *r, const mk_models_f64_t *models, const mk_tracking_design_settings_t *settings, mk_error_t *error) {

@@ -87,6 +87,9 @@ static json_t *consensus_json(const mk_tracking_design_t *r) {
         if (r->consensus[i].exists) (void)json_array_append_new(cases, case_json(r, i));
     mk_json_set(object, "cases", cases);
     mk_json_set(object, "perron_weights", r->pi ? mk_json_numbers(r->pi, (size_t)r->scenario->nodes) : json_null());
+    mk_json_set(object, "perron_scales", r->pi ? json_array() : json_null());
+    for (int k = 0; k < r->scenario->nodes && r->pi; k++)
+        (void)json_array_append_new(json_object_get(object, "perron_scales"), json_real(1.0 / (r->scenario->nodes * r->pi[k])));
     return object;
 }
 
@@ -170,7 +173,9 @@ static void print_case(const mk_tracking_design_t *r, int which) {
     char name[64];
     if (!c->exists) return;
     if (which == MK_CASE_ONE) (void)snprintf(name, sizeof name, "paper, node %d alone", c->node);
-    else (void)snprintf(name, sizeof name, "%s%s", label[which].weights, which == MK_CASE_ALL ? ", all measure" : which == MK_CASE_NONE ? ", none does" : "");
+    else
+        (void)snprintf(name, sizeof name, "%s%s", label[which].weights,
+                       which == MK_CASE_ALL ? ", all measure" : which == MK_CASE_NONE ? ", none does" : "");
     (void)printf("%-22s", name);
     if (!c->converges) {
         (void)printf(r->parts.sources > 1 ? " never: %d parts\n" : " never: bipartite, swings with period %d\n",
@@ -203,7 +208,8 @@ static void print_consensus(const mk_tracking_design_t *r) {
         lanczos |= r->consensus[i].rate.steps > 0;
         error = fmax(error, r->consensus[i].rate.error);
     }
-    (void)printf("* the scenario's protocol, %s. Numbers are of the disagreement that is left, in the worst case", mk_protocol_name(s->tracking->protocol));
+    (void)printf("* the scenario's protocol, %s. Numbers are of the disagreement that is left, in the worst case",
+                 mk_protocol_name(s->tracking->protocol));
     if (lanczos) (void)printf("; eigenvalues by Lanczos, error at most %.1g", error);
     (void)printf(lanczos && r->tried < r->sensors ? "; worst of %d nodes that were tried\n" : "\n", r->tried);
     if (!r->pi) return;

@@ -32,8 +32,8 @@ static int mean_states(mk_trajectory_t *r, const mk_models_f64_t *models, long s
         const mk_status_t status = g->function(g->context, s->dt_s, 1, x, next);
         r->t[t] = s->tracking->start_s + (double)(t + 1) * s->dt_s;
         if (status != MK_OK || !finite(r->n, next))
-            return mk_fail(error, "step %ld: the mean trajectory from x0 leaves the domain of the motion (%s): change x0 or give --truth FILE.csv", t + 1,
-                           mk_status_name(status == MK_OK ? MK_ERROR_NOT_FINITE : status));
+            return mk_fail(error, "step %ld: the mean trajectory from x0 leaves the domain of the motion (%s): change x0 or give --truth FILE.csv",
+                           t + 1, mk_status_name(status == MK_OK ? MK_ERROR_NOT_FINITE : status));
     }
     return 1;
 }
@@ -70,8 +70,8 @@ static int complete_states(mk_trajectory_t *r, const mk_scenario_t *s, const lon
         }
         if (there[i] == r->instants) continue;
         if (there[i] > 0)
-            return mk_fail(error, "%s: state %d (%s) has a value at %ld of %ld times: it must have one at each, or at none", path, i, tracking->state[i],
-                           there[i], r->instants);
+            return mk_fail(error, "%s: state %d (%s) has a value at %ld of %ld times: it must have one at each, or at none", path, i,
+                           tracking->state[i], there[i], r->instants);
         if (position) return mk_fail(error, "%s: no values of state %d (%s), which is a position", path, i, tracking->state[i]);
         if (axis >= 0) {
             fill_velocity(r, tracking->motion.position[axis], i);
