@@ -2,6 +2,7 @@
 /* The shared build: every function of the public headers, with dimensions known at run time and loops kept. */
 #define MK_ROLLED
 #include <meshkal/kernels.h>
+#include <meshkal/extended.h>
 #include <meshkal/node.h>
 
 #include "network/frame.h"
@@ -42,6 +43,7 @@ const char *mk_status_name(mk_status_t status) {
 #include "real.h"
 #include "algebra/gamma_shared.tmpl.h"
 #include "filter/rkfd_object.tmpl.h"
+#include "filter/rkfd_extended.tmpl.h"
 #include "network/numbers.tmpl.h"
 #include "node/record.tmpl.h"
 #include "node/node.tmpl.h"
@@ -53,6 +55,7 @@ const char *mk_status_name(mk_status_t status) {
 #include "real.h"
 #include "algebra/gamma_shared.tmpl.h"
 #include "filter/rkfd_object.tmpl.h"
+#include "filter/rkfd_extended.tmpl.h"
 #include "network/numbers.tmpl.h"
 #include "node/record.tmpl.h"
 #include "node/node.tmpl.h"
