@@ -71,7 +71,7 @@ typedef struct mk_tracking {
     mk_tracking_node_t *node;    /* nodes */
 
     mk_transform_kind_t transform;
-    double kappa, alpha, beta;   /* kappa NaN: 3 - n (Julier) */
+    double kappa, alpha, beta;
     int increments, rule;        /* rule: MK_RULE_ of meshkal/unscented.h, for mpukf */
     mk_gate_settings_t gate;
     mk_protocol_t protocol;
@@ -85,13 +85,15 @@ const char *mk_protocol_name(mk_protocol_t protocol);
 /* 1 if the scenario has a gate for the filter of this name. */
 int mk_tracking_gates(const mk_tracking_t *tracking, const char *filter);
 
-/* Parts of mk_scenario_load_any. The model of a scenario that has one with "motion": fills n, Q, x0, P0, dt_s, position_states and tracking. */
+/* Parts of mk_scenario_load_any, in this order. The model of a scenario that has one with "motion": fills n, Q, x0, P0, dt_s, position_states and tracking. */
 int mk_read_motion(mk_reader_t *reader, json_t *model, mk_scenario_t *scenario);
+/* "name" and "parameters" of the object at `at`, which only an own model has. */
+int mk_read_own_model(mk_reader_t *reader, json_t *object, const char *at, int is_own, mk_own_model_t *own);
 /* Everything of one node but R: returns the rows that R must have, 0 without a sensor, -1 with an error. *R is the value for it. */
 int mk_read_tracking_node(mk_reader_t *reader, json_t *node, const char *at, const mk_tracking_t *tracking, mk_sensor_t *sensor,
                           mk_tracking_node_t *more, json_t **R);
 /* "reading_loss" and "tracking". */
-int mk_read_tracking(mk_reader_t *reader, json_t *root, mk_tracking_t *tracking);
+int mk_read_tracking(mk_reader_t *reader, json_t *root, mk_scenario_t *scenario);
 void mk_tracking_free(mk_tracking_t *tracking, int n, int nodes);
 
 #endif

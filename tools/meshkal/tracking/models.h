@@ -19,9 +19,11 @@
         const mk_##real##_t *x0, *P0;                                                                                         \
         mk_transform_##real##_t transform;                                                                                    \
         mk_gate_##real##_t gate; /* its thresholds suffice for all slots together; null ones where there is no gate */        \
-        const mk_plugin_model_t *own_motion;                                                                                  \
-        void *motion_context;                                                                                                 \
-        void *block, *spaces, *contexts;                                                                                      \
+        /* Kept for them; the first of spaces and contexts is the motion's. */                                                \
+        mk_status_t (*noise)(const void *context, mk_##real##_t dt, mk_##real##_t *Q); /* of an own motion; null */           \
+        mk_##real##_t *numbers;                                                                                               \
+        mk_space_##real##_t *space;                                                                                           \
+        mk_plugin_context_##real##_t *context;                                                                                \
     } mk_models_##real##_t;                                                                                                   \
                                                                                                                               \
     /* Null and an error: an own model that is not in `plugin` (null: no file), of another size, without this precision. Free it with \
