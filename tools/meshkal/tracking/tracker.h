@@ -32,9 +32,23 @@ extern const mk_tracking_filter_t mk_tracking_filters[MK_TRACKING_FILTER_COUNT];
 int mk_tracking_filter_find(const char *name, const mk_tracking_filter_t **filter, mk_error_t *error);
 
 /* Counts of a run: readings that were used as they were, refused by the gate, used with inflated noise, refused by a model, and lost on the
-   way to the estimator; updates with readings, those that a rule ended, those with P := P0; then failures by status. */
-enum { MK_TRACK_ACCEPTED, MK_TRACK_REJECTED, MK_TRACK_INFLATED, MK_TRACK_REFUSED, MK_TRACK_LOST, MK_TRACK_UPDATES, MK_TRACK_RULE, MK_TRACK_REINITIALISED,
-       MK_TRACK_FAILED, MK_TRACK_COUNTS = MK_TRACK_FAILED + MK_STATUS_COUNT };
+   way to the estimator; updates with readings, those that a rule ended, those with P := P0; node steps of duif and kcf in which no message
+   came, nobody measured as far as was heard, or there was no average that makes a covariance; then failures by status. */
+enum {
+    MK_TRACK_ACCEPTED,
+    MK_TRACK_REJECTED,
+    MK_TRACK_INFLATED,
+    MK_TRACK_REFUSED,
+    MK_TRACK_LOST,
+    MK_TRACK_UPDATES,
+    MK_TRACK_RULE,
+    MK_TRACK_REINITIALISED,
+    MK_TRACK_ISOLATED,
+    MK_TRACK_UNINFORMED,
+    MK_TRACK_UNFUSED,
+    MK_TRACK_FAILED,
+    MK_TRACK_COUNTS = MK_TRACK_FAILED + MK_STATUS_COUNT
+};
 
 /* What became of a reading. */
 enum { MK_READING_NONE, MK_READING_ACCEPTED, MK_READING_REJECTED, MK_READING_INFLATED, MK_READING_REFUSED };
