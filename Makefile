@@ -14,7 +14,8 @@ WARNINGS = -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wvla -Wmissi
 CFLAGS   = -std=c99 $(OPTIMISE) -g $(ARITHMETIC) $(WARNINGS)
 INCLUDE  = -Iinclude -Isrc
 HOST_INCLUDE = $(INCLUDE) -Iport/host -Itools/meshkal -D_POSIX_C_SOURCE=200809L
-HOST_LIBS = -pthread -llapacke -ljansson -lcbor -lsodium -lm
+# Own models, loaded, may call the library.
+HOST_LIBS = -rdynamic -pthread -ldl -llapacke -ljansson -lcbor -lsodium -lm
 
 LIBRARY  = $(BUILD)/libmeshkal.a
 PROGRAM  = $(BUILD)/meshkal

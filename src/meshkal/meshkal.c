@@ -17,6 +17,7 @@
 #include "network/numbers.h"
 #include "node/blob.h"
 #include "node/record.h"
+#include "statistics/quantile.h"
 
 const char *mk_status_name(mk_status_t status) {
     switch (status) {

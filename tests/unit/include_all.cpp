@@ -4,6 +4,7 @@
 #include <meshkal/frame.h>
 #include <meshkal/gamma.h>
 #include <meshkal/node.h>
+#include <meshkal/quantile.h>
 #include <meshkal/record.h>
 #include <meshkal/rkfd.h>
 #include <meshkal/unrolled.h>

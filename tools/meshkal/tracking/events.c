@@ -107,7 +107,7 @@ static int draw_truth(mk_run_events_t *stream, mk_error_t *error) {
     mk_gaussian_add(&random, s->n, events->root_Q, stream->next);
     if (status == MK_OK && !all_finite(s->n, stream->next)) status = MK_ERROR_NOT_FINITE;
     if (status != MK_OK)
-        return mk_fail(error, "run %d, step %ld: the motion of the drawn truth: %s: the model does not hold where the target went; fewer steps, another seed?",
+        return mk_fail(error, "run %d, step %ld: motion of the drawn truth: %s: the model does not hold where the target went: fewer steps or another seed",
                        stream->run, stream->step, mk_status_name(status));
     memcpy(stream->x, stream->next, bytes);
     return 1;
@@ -144,7 +144,7 @@ static int draw_reading(mk_run_events_t *stream, int k, double *z, int *faulty, 
     }
     if (status == MK_OK && !all_finite(rows, z)) status = MK_ERROR_NOT_FINITE;
     if (status != MK_OK)
-        return mk_fail(error, "run %d, step %ld, node %d: the reading of the drawn truth: %s: the target is where this sensor has none, on it for example",
+        return mk_fail(error, "run %d, step %ld, node %d: reading of the drawn truth: %s: no reading where the target is (on the sensor?): move the sensor",
                        stream->run, stream->step, k, mk_status_name(status));
     if (model->space && model->space->difference) model->space->difference(model->space->context, z, zero, z);
     return 1;
