@@ -4,10 +4,9 @@
 
 #include <math.h>
 #include <meshkal/kernels.h>
+#include <meshkal/quantile.h>
 #include <stdlib.h>
 #include <string.h>
-
-#include "distributions.h"
 
 void mk_track_record_open(mk_track_record_t *r, long steps, int estimators) {
     const size_t T = (size_t)steps, E = (size_t)estimators;
@@ -55,7 +54,7 @@ void mk_track_statistics_add(mk_track_statistics_t *s, const double *value) {
 
 double mk_track_half_width(const mk_track_statistics_t *s, double squares) {
     if (s->runs < 2) return (double)NAN;
-    return mk_student_quantile(0.975, s->runs - 1.0) * sqrt(squares / (s->runs - 1.0) / s->runs);
+    return mk_student_quantile(0.025, s->runs - 1.0) * sqrt(squares / (s->runs - 1.0) / s->runs);
 }
 
 /* d' P^-1 d; NaN if P is not positive definite or d not known. work: packed n. d is overwritten. */
