@@ -16,7 +16,7 @@
  *
  *     MK_CONSENSUS_METROPOLIS   s_i := s_i + sum w_ij (s_j - s_i),  w_ij = 1 / (1 + max(deg_i, deg_j)). The average, where links go both ways
  *                               and nothing is lost; otherwise some convex combination.
- *     MK_CONSENSUS_PAPER        s_i := (g_i s_i + sum a_ij s_j) / (g_i + sum a_ij); 0 / 0: s_i stays, counted in `kept`. As published. Converges to
+ *     MK_CONSENSUS_PAPER        s_i := (g_i s_i + sum a_ij s_j) / (g_i + sum a_ij); 0 / 0: s_i stays. As published. Converges to
  *                               sum pi_j s_j, pi_j = (d_j + g_j) / sum (d + g), d_j = sum a_jk, for symmetric weights: not the average.
  *     MK_CONSENSUS_PERRON       the same, s_j scaled first so that the limit is the average.
  *                               total > 0: by total / (N (d_j + g_j)), 1 / (N pi_j), total = sum (d + g) over the network: where it is known who
@@ -27,7 +27,8 @@
  *     MK_CONSENSUS_RATIO        ratio consensus over running sums (Hadjicostis, Vaidya, Dominguez-Garcia 2016; push-sum). Each node splits its values
  *                               and a mass, 1 at first, in 1 + deg_i equal shares, keeps one, and sends the sum of all shares that one neighbour
  *                               has been given since begin. A receiver adds what this sum has grown by since it last heard it: what was lost comes with
- *                               the next message. values / mass is the average as soon as lost messages have been made up for; with a link
+ *                               the next message; who heard nobody gives nothing away in the next iteration, or an isolated node would give all
+ *                               it has into the void [own]. values / mass is the average as soon as lost messages have been made up for; with a link
  *                               that stays down for the whole run a convex combination. Links may come and go in any iteration, and may go one way:
  *                               deg_i counts who receives. One number more in a message. Sums grow with L: not for float16 and large L.
  *     MK_CONSENSUS_SUM          L = 1: the sum of own values and those heard; no average. What the Kalman-consensus filter needs.
@@ -49,7 +50,7 @@ extern "C" {
 enum { MK_CONSENSUS_METROPOLIS, MK_CONSENSUS_PAPER, MK_CONSENSUS_PERRON, MK_CONSENSUS_RATIO, MK_CONSENSUS_SUM, MK_CONSENSUS_COUNT };
 
 /* Scratch memory of iterate, in numbers, from the stack: p is that of the type. */
-#define MK_CONSENSUS_WORK(p) (3 * ((p) + 1))
+#define MK_CONSENSUS_WORK(p) (2 * ((p) + 1))
 
 #define MK_DECLARE_CONSENSUS_CORE(real)                                                                                       \
     /* May be const, in flash, and must outlive the object. An owner who keeps it in RAM may change weight, degree and total between an  \
@@ -62,14 +63,14 @@ enum { MK_CONSENSUS_METROPOLIS, MK_CONSENSUS_PAPER, MK_CONSENSUS_PERRON, MK_CONS
         uint8_t protocol;            /* MK_CONSENSUS_ */                                                                      \
         mk_##real##_t total;         /* PERRON: sum (d + g) over the network; 0: found on the way */                          \
         const mk_##real##_t *weight; /* PAPER, PERRON: a_ij, slots of them, the first is not read; null: 1 each */            \
-        const uint16_t *degree;      /* METROPOLIS: neighbours of the node in each slot; RATIO: its first, who receives; else null */ \
+        const uint16_t *degree;      /* METROPOLIS: neighbours of the node in each slot; RATIO: the first, who receives; else null */ \
     } mk_consensus_config_##real##_t;                                                                                         \
                                                                                                                               \
     /* First member `core` of every type. Read, do not write. */                                                              \
     typedef struct {                                                                                                          \
         const mk_consensus_config_##real##_t *config;                                                                         \
         uint16_t iteration;  /* that is being worked on; after the last one 0, that of the next run */                        \
-        uint16_t kept;       /* iterations of this run, or of the last one, in which nothing could be done: s_i stayed */     \
+        uint16_t kept;       /* iterations of this run, or of the last one, in which nobody was heard: s_i stayed */          \
         uint32_t heard;      /* messages used in them */                                                                      \
         uint32_t missing;    /* messages that were not there */                                                               \
         uint8_t running;     /* 1 from begin to the last iterate */                                                           \
