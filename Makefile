@@ -69,6 +69,12 @@ $(PROGRAM): $(HOST_OBJECTS) $(LIBRARY)
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $^ $(HOST_LIBS) -o $@
 
+# The example of own models, as users compile theirs.
+all: $(BUILD)/own_models.so
+$(BUILD)/own_models.so: $(wildcard tools/meshkal/examples/*) port/host/meshkal/plugin.h $(wildcard include/meshkal/*.h) | $(SETUP)
+	@echo "  LD $@"
+	@$(CC) $(CFLAGS) -shared -fPIC $(HOST_INCLUDE) tools/meshkal/examples/own_models.c -o $@
+
 # The same program for many processes. The wrapper of Open MPI knows where its headers and libraries are.
 MPI_PROGRAM = $(BUILD)/meshkal-mpi
 MPI_OBJECTS = $(patsubst %.c,$(BUILD)/%.o,$(wildcard tools/meshkal-mpi/*.c))

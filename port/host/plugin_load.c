@@ -34,7 +34,7 @@ int mk_plugin_load(const char *path, const mk_plugin_t **plugin, mk_error_t *err
     if ((size_t)snprintf(place, sizeof place, "%s%s", strchr(path, '/') ? "" : "./", path) >= sizeof place)
         return mk_fail(error, "%.100s...: the name is too long", path);
     void *file = dlopen(place, RTLD_NOW | RTLD_LOCAL);
-    if (!file) return mk_fail(error, "%s: cannot be loaded: %s", path, dlerror());
+    if (!file) return mk_fail(error, "--models: %s", dlerror());
     void *symbol = dlsym(file, "meshkal_plugin");
     if (!symbol) return mk_fail(error, "%s: has no function meshkal_plugin (meshkal/plugin.h)", path);
     memcpy(&entry, &symbol, sizeof entry);
