@@ -360,4 +360,5 @@ void vectors_run(vectors_kernels_t chosen) {
         sensor_vectors();
         filter_vectors();
     }
+    vectors_models(draw);
 }

@@ -12,8 +12,9 @@ static long double NAME(ulps)(REAL value, long double exact) {
 }
 
 static REAL NAME(neighbour)(REAL x, int steps) {
-    for (; steps > 0; steps--) x = sizeof(REAL) == sizeof(float) ? (REAL)nextafterf((float)x, INFINITY) : (REAL)nextafter((double)x, (double)INFINITY);
-    for (; steps < 0; steps++) x = sizeof(REAL) == sizeof(float) ? (REAL)nextafterf((float)x, -INFINITY) : (REAL)nextafter((double)x, (double)-INFINITY);
+    const float end = steps > 0 ? INFINITY : -INFINITY;
+    for (int i = 0; i < abs(steps); i++)
+        x = sizeof(REAL) == sizeof(float) ? (REAL)nextafterf((float)x, end) : (REAL)nextafter((double)x, (double)end);
     return x;
 }
 
@@ -87,9 +88,11 @@ static void NAME(atan2_ends)(void **unused) {
     assert_true(NAME(mk_atan2)(zero, one) == zero && NAME(mk_atan2)(one, zero) == half && NAME(mk_atan2)(-one, zero) == -half);
     assert_true(NAME(mk_atan2)(zero, -one) == pi && NAME(mk_atan2)(-zero, -one) == pi && NAME(mk_atan2)(-least, -one) == -pi);
     assert_true(NAME(mk_atan2)(one, one) == (REAL)(M_PI_LONG / 4.0L) && NAME(mk_atan2)(-one, -one) == (REAL)(-0.75L * M_PI_LONG));
-    assert_true(NAME(mk_atan2)(least, large) == zero && NAME(mk_atan2)(large, least) == half && NAME(mk_atan2)(least, least) == (REAL)(M_PI_LONG / 4.0L));
-    const REAL refused[][2] = {{zero, zero},     {-zero, -zero},   {(REAL)NAN, one},      {one, (REAL)NAN}, {(REAL)INFINITY, one},
-                               {one, (REAL)INFINITY}, {-(REAL)INFINITY, (REAL)INFINITY}, {large, large},   {(REAL)NAN, zero}, {one, -(REAL)INFINITY}};
+    assert_true(NAME(mk_atan2)(least, large) == zero && NAME(mk_atan2)(large, least) == half);
+    assert_true(NAME(mk_atan2)(least, least) == (REAL)(M_PI_LONG / 4.0L));
+    const REAL nan = (REAL)NAN, infinite = (REAL)INFINITY;
+    const REAL refused[][2] = {{zero, zero},     {-zero, -zero},   {nan, one},            {one, nan},     {nan, zero},
+                               {infinite, one},  {one, infinite},  {-infinite, infinite}, {large, large}, {one, -infinite}};
     for (size_t i = 0; i < sizeof refused / sizeof *refused; i++) assert_true(isnan(NAME(mk_atan2)(refused[i][0], refused[i][1])));
 }
 
@@ -100,6 +103,7 @@ static void NAME(wrap)(void **unused) {
     const REAL inside = sizeof(REAL) == sizeof(float) ? (REAL)3.14159250f : (REAL)3.141592653589793;
     assert_true((long double)inside < M_PI_LONG && (long double)NAME(neighbour)(inside, 1) > M_PI_LONG);
     assert_true(NAME(mk_wrap)(inside) == inside && NAME(mk_wrap)(-inside) == -inside);
+    assert_true(NAME(mk_wrap)(NAME(neighbour)(inside, 1)) < (REAL)0.0 && NAME(mk_wrap)(NAME(neighbour)(-inside, -1)) > (REAL)0.0);
     for (int i = 0; i < POINTS; i++) {
         REAL x = NAME(draw_angle)(&g, sizeof(REAL) == sizeof(float) ? 12000.0 : 1e8);
         if (i < 5) x = NAME(neighbour)(inside, i);
@@ -111,7 +115,8 @@ static void NAME(wrap)(void **unused) {
         assert_true(wrapped >= -(REAL)M_PI_LONG && wrapped <= (REAL)M_PI_LONG);
         long double exact = atan2l(sinl((long double)x), cosl((long double)x));
         /* At the ends of the interval the other end is as near. */
-        if (fabsl(exact) > 3.14159L && (exact > 0.0L) != (wrapped > (REAL)0.0)) exact -= exact > 0.0L ? 2.0L * M_PI_LONG : -2.0L * M_PI_LONG;
+        if (fabsl(exact) > 3.14159L && (exact > 0.0L) != (wrapped > (REAL)0.0))
+            exact += exact > 0.0L ? -2.0L * M_PI_LONG : 2.0L * M_PI_LONG;
         const long double error = NAME(ulps)(wrapped, exact);
         if (!(error < 1.0L)) fail_msg("x = %.17g: %.17g, %.2Lf ulp", (double)x, (double)wrapped, error);
     }

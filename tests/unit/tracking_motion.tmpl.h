@@ -33,7 +33,8 @@ static void NAME(motion)(void **unused) {
         for (int i = 0; i < n; i++) start[i] = (long double)x[i];
         motion_by_series(motion, turns, (long double)dt, start, exact, slope);
         for (int i = 0; i < n; i++) NAME(near)(2000.0L, y[i], exact[i], "state"); /* 10 times 200 m */
-        for (int i = 0; i < n * n; i++) NAME(near)(12.0L * fmaxl(fabsl(slope[i]), i % n == motion->turn_rate ? 400.0L : 1.0L), J[i], slope[i], "Jacobian");
+        for (int i = 0; i < n * n; i++)
+            NAME(near)(12.0L * fmaxl(fabsl(slope[i]), i % n == motion->turn_rate ? 400.0L : 1.0L), J[i], slope[i], "Jacobian");
     }
 }
 
@@ -94,13 +95,15 @@ static void NAME(noise)(void **unused) {
     for (int trial = 0; trial < 1000; trial++) {
         const mk_motion_t *const motion = &layouts[trial % LAYOUTS];
         const int n = motion->n, turns = trial / LAYOUTS % 2, packed = MK_PACKED(n);
-        const REAL dt = (REAL)draw_uniform(&g, 0.0, 10.0), q[3] = {(REAL)draw_uniform(&g, 0.0, 2.0), (REAL)0.25, (REAL)7.0}, q_turn = (REAL)0.125;
+        const REAL dt = (REAL)draw_uniform(&g, 0.0, 10.0), q_turn = (REAL)0.125;
+        const REAL q[3] = {(REAL)draw_uniform(&g, 0.0, 2.0), (REAL)0.25, (REAL)7.0};
         REAL Q[MK_PACKED(MOST) + 1];
         long double exact[MK_PACKED(MOST)] = {0.0L};
         for (int axis = 0; axis < motion->dimensions; axis++) {
             const int p = motion->position[axis], v = motion->velocity[axis], low = p < v ? p : v, high = p < v ? v : p;
             for (int k = 0; k < 3; k++) {
-                const long double s = 0.5L * k * (long double)dt, weight = (k == 1 ? 4.0L : 1.0L) * (long double)dt * (long double)q[axis] / 6.0L;
+                const long double s = 0.5L * k * (long double)dt;
+                const long double weight = (k == 1 ? 4.0L : 1.0L) * (long double)dt * (long double)q[axis] / 6.0L;
                 exact[MK_PACKED(p) + p] += weight * s * s;
                 exact[MK_PACKED(high) + low] += weight * s;
                 exact[MK_PACKED(v) + v] += weight;
@@ -108,7 +111,9 @@ static void NAME(noise)(void **unused) {
         }
         if (turns) exact[MK_PACKED(motion->turn_rate) + motion->turn_rate] = (long double)(q_turn * dt);
         Q[packed] = (REAL)12345.0;
-        assert_int_equal(turns ? NAME(mk_constant_turn_noise)(motion, dt, q, q_turn, Q) : NAME(mk_constant_velocity_noise)(motion, dt, q, Q), MK_OK);
+        const mk_status_t status =
+            turns ? NAME(mk_constant_turn_noise)(motion, dt, q, q_turn, Q) : NAME(mk_constant_velocity_noise)(motion, dt, q, Q);
+        assert_int_equal(status, MK_OK);
         for (int i = 0; i < packed; i++) NAME(near)(4.0L * exact[i], Q[i], exact[i], "Q");
         assert_true(Q[packed] == (REAL)12345.0);
     }
@@ -117,8 +122,10 @@ static void NAME(noise)(void **unused) {
 static void NAME(noise_refused)(void **unused) {
     (void)unused;
     const mk_motion_t *const motion = &layouts[TURNING];
-    const REAL one = (REAL)1.0, bad[] = {(REAL)NAN, (REAL)INFINITY, -(REAL)1.0, (REAL)1.0}, huge = sizeof(REAL) == sizeof(float) ? (REAL)1e20 : (REAL)1e200;
-    const mk_status_t status[] = {MK_ERROR_NOT_FINITE, MK_ERROR_NOT_FINITE, MK_ERROR_ARGUMENT, MK_OK};
+    const REAL one = (REAL)1.0, bad[] = {(REAL)NAN, (REAL)INFINITY, -(REAL)1.0};
+    /* Its third power overflows, its square does not. */
+    const REAL huge = sizeof(REAL) == sizeof(float) ? (REAL)1e15 : (REAL)1e120;
+    const mk_status_t status[] = {MK_ERROR_NOT_FINITE, MK_ERROR_NOT_FINITE, MK_ERROR_ARGUMENT};
     REAL Q[MK_PACKED(MOST)], before[MK_PACKED(MOST)];
     for (int i = 0; i < MK_PACKED(MOST); i++) Q[i] = before[i] = (REAL)i;
     REAL q[3] = {one, one, one};

@@ -83,12 +83,14 @@ static void NAME(far_tdoa)(void **unused) {
 /* Where each is undefined, in both dimensions. */
 static void NAME(domain)(void **unused) {
     (void)unused;
-    const REAL huge = sizeof(REAL) == sizeof(float) ? (REAL)1e20 : (REAL)1e155, tiny = sizeof(REAL) == sizeof(float) ? (REAL)1e-20 : (REAL)1e-155;
+    const REAL huge = sizeof(REAL) == sizeof(float) ? (REAL)1e20 : (REAL)1e155;
+    const REAL tiny = sizeof(REAL) == sizeof(float) ? (REAL)1e-20 : (REAL)1e-155;
     for (int layout = 0; layout < LAYOUTS; layout++) {
         const mk_motion_t *const motion = &layouts[layout];
         const TYPE(mk_site) site = {motion, {(REAL)1.0, (REAL)2.0, (REAL)3.0}, {(REAL)4.0, (REAL)5.0, (REAL)6.0}};
         const TYPE(mk_site) origin = {motion, {(REAL)0.0}, {(REAL)4.0, (REAL)5.0, (REAL)6.0}};
-        REAL at[MOST] = {(REAL)0.0}, other[MOST] = {(REAL)0.0}, above[MOST] = {(REAL)0.0}, close[MOST] = {(REAL)0.0}, bad[MOST], y[3], J[3 * MOST];
+        REAL at[MOST] = {(REAL)0.0}, other[MOST] = {(REAL)0.0}, above[MOST] = {(REAL)0.0}, close[MOST] = {(REAL)0.0};
+        REAL bad[MOST], y[3], J[3 * MOST];
         for (int axis = 0; axis < motion->dimensions; axis++) {
             at[motion->position[axis]] = site.position[axis];
             other[motion->position[axis]] = site.reference[axis];
@@ -97,7 +99,8 @@ static void NAME(domain)(void **unused) {
         close[motion->position[0]] = tiny;
         for (int kind = 0; kind < SENSORS; kind++) {
             const mk_status_t undefined = kind == RANGE || kind == TDOA ? MK_OK : MK_ERROR_DOMAIN;
-            const mk_status_t vertical = motion->dimensions == 2 ? MK_ERROR_DOMAIN : kind == BEARING || kind == RANGE_BEARING ? MK_ERROR_DOMAIN : MK_OK;
+            /* In the plane there is no above. */
+            const mk_status_t vertical = motion->dimensions == 2 || kind == BEARING || kind == RANGE_BEARING ? MK_ERROR_DOMAIN : MK_OK;
             const TYPE(mk_function) function = NAME(sensors)[kind].function;
             const TYPE(mk_jacobian) jacobian = NAME(sensors)[kind].jacobian;
             assert_int_equal(function(&site, (REAL)0.0, 1, at, y), undefined);
@@ -134,12 +137,14 @@ static void NAME(counts)(void **unused) {
         for (int point = 0; point < COUNT; point++) NAME(draw_site)(&g, motion, 5.0, &site, x + point * n);
         for (int kind = 0; kind < SENSORS + 2; kind++) {
             const int moves = kind >= SENSORS, rows = moves ? n : sensor_rows((sensor_t)kind, motion);
-            const TYPE(mk_function) function = !moves ? NAME(sensors)[kind].function : kind == SENSORS ? NAME(mk_constant_velocity) : NAME(mk_constant_turn);
+            const TYPE(mk_function) motions[] = {NAME(mk_constant_velocity), NAME(mk_constant_turn)};
+            const TYPE(mk_function) function = moves ? motions[kind - SENSORS] : NAME(sensors)[kind].function;
             const void *const context = moves ? (const void *)motion : (const void *)&site;
             const REAL dt = moves ? (REAL)0.75 : (REAL)0.0;
             together[COUNT * rows] = (REAL)12345.0;
             assert_int_equal(function(context, dt, COUNT, x, together), MK_OK);
-            for (int point = 0; point < COUNT; point++) assert_int_equal(function(context, dt, 1, x + point * n, alone + point * rows), MK_OK);
+            for (int point = 0; point < COUNT; point++)
+                assert_int_equal(function(context, dt, 1, x + point * n, alone + point * rows), MK_OK);
             assert_memory_equal(together, alone, sizeof(REAL) * (size_t)(COUNT * rows));
             assert_true(together[COUNT * rows] == (REAL)12345.0);
             assert_int_equal(function(context, dt, 0, x, together), MK_OK);

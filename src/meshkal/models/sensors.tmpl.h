@@ -16,7 +16,8 @@ static mk_status_t MK_F(mk_see)(const mk_motion_t *motion, const MK_REAL *place,
     sight->square = sight->level + d[2] * d[2];
     sight->r = MK_F(mk_sqrt)(sight->square);
     if (!(sight->square * MK_R(0.0) == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
-    return (apart == MK_APART && sight->square < MK_SMALLEST) || (apart == MK_ASIDE && sight->level < MK_SMALLEST) ? MK_ERROR_DOMAIN : MK_OK;
+    const MK_REAL least = apart == MK_ASIDE ? sight->level : sight->square;
+    return apart != MK_ANYWHERE && least < MK_SMALLEST ? MK_ERROR_DOMAIN : MK_OK;
 }
 
 static void MK_F(mk_clear)(int count, MK_REAL *J) {
