@@ -58,7 +58,7 @@ static figures_t figures_of(const mk_track_campaign_t *c, const mk_track_result_
     f.apart_largest = over_time(s->largest.apart, c->from - 1, T, NULL);
     for (long t = c->from - 1; t < T; t++)
         if (s->largest.apart[t] > f.apart_largest) f.apart_largest = s->largest.apart[t];
-    f.ns = 1e9 * r->step_seconds;
+    f.ns = 1e9 * r->step_seconds / r->estimators;
     return f;
 }
 
@@ -118,7 +118,7 @@ void mk_track_report_row(FILE *out, const mk_track_campaign_t *c, const mk_track
     print_cell(out, 6, 0, total(r, MK_TRACK_RULE));
     print_cell(out, 6, 0, failures(r));
     print_cell(out, 10, 0, f.ns);
-    print_cell(out, 7, 2, r->step_seconds / ukf_seconds);
+    print_cell(out, 7, 2, r->step_seconds / r->estimators / ukf_seconds);
     (void)fputs("\n", out);
 }
 
@@ -198,7 +198,7 @@ json_t *mk_track_report_filter(const mk_track_campaign_t *c, const mk_track_resu
     mk_json_set(object, "failures", failures_of(r));
     if (isfinite(c->lost_m)) set_number(object, "targets_lost", mean->single[MK_TRACK_TARGET_LOST] * r->statistics.runs);
     set_number(object, "ns_per_step", f.ns);
-    set_number(object, "time_ratio_to_ukf", r->step_seconds / ukf_seconds);
+    set_number(object, "time_ratio_to_ukf", r->step_seconds / r->estimators / ukf_seconds);
     mk_json_set(object, "time_s", mk_json_numbers(mean->time, T));
     mk_json_set(object, "log_mse_position_over_time", mapped(mean->position, T, log));
     mk_json_set(object, "log_mse_velocity_over_time", mapped(mean->velocity, T, log));
