@@ -156,7 +156,7 @@ def test_ukf(simulate, scenario):
     assert used > 60
 
 
-FAULTY = changed(PLANE, nodes=ranges((0, 0), (100, 0), (50, 90), fault={"probability": 0.1, "sigma": 20.0}), seed=9,
+FAULTY = changed(PLANE, nodes=ranges((0, 0), (100, 0), (50, 90), fault={"probability": 0.1, "sigma": 20.0}), seed=54,
                  tracking__gate={"significance": 1e-3, "sensor": False, "stacked": True}, reading_loss=0.1)
 
 
@@ -217,6 +217,70 @@ def test_rekfd(simulate, scenario, c):
             nodes[e].x = sum(degree[k] * psi[k] for k in heard) / sum(degree[k] for k in heard)
             assert_close({"step": step["step"], "estimate": step["estimate"].reshape(-1, model.n)[e], "trace_covariance": step["trace_covariance"][e:]},
                          nodes[e].x, nodes[e].V, 1e-7)
+
+
+@pytest.mark.parametrize("policy", ["skip", "inflate"])
+def test_gate_of_rekfd(simulate, policy):
+    """Each reading by itself, at the prediction: left out, or with its innovation variance times the test ratio."""
+    scenario = changed(FAULTY, tracking__gate={"significance": 0.01, "stacked": False, "policy": policy}, reading_loss=None)
+    header, steps, f, _ = simulate(scenario, "rekfd")
+    model = Model(scenario)
+    nodes, beyond = [Robust(model) for _ in range(3)], 0
+    degree, threshold = [len(s) for s in header["slots"]], scipy.stats.chi2.isf(0.01, 1)
+    for step, (dt, z) in zip(steps, instants(header, steps), strict=True):
+        for e, slots, first in slots_of(header):
+            nodes[e].predict(dt, 0.0)
+            used, noise = {}, {}
+            for i, k in enumerate(slots):
+                C = model.jacobian(lambda x, k=k: model.see(k, x), nodes[e].x)
+                E = (C @ nodes[e].V @ C.T + 1)[0, 0]
+                ratio = (z[k] - model.see(k, nodes[e].x))[0]**2 / E / threshold
+                assert step["gate_ratio"][first + i] == pytest.approx(ratio, rel=1e-6)
+                assert step["decision"][first + i] == (1 if ratio <= 1 else 2 if policy == "skip" else 3)
+                beyond += ratio > 1
+                if ratio <= 1 or policy == "inflate":
+                    used[k], noise[k] = z[k], np.array([[ratio * E - (E - 1) if ratio > 1 else 1.0]])
+            model.R = [noise.get(k) for k in range(3)]
+            nodes[e].correct(used)
+        psi = [node.x for node in nodes]
+        for e, slots, _ in slots_of(header):
+            nodes[e].x = sum(degree[k] * psi[k] for k in slots) / sum(degree[k] for k in slots)
+            assert_close({"step": step["step"], "estimate": step["estimate"].reshape(-1, 4)[e], "trace_covariance": step["trace_covariance"][e:]},
+                         nodes[e].x, nodes[e].V, 1e-7)
+    assert beyond > 10 and f["counts"]["rejected" if policy == "skip" else "inflated"] == beyond
+
+
+def test_decisions_of_both_gates(simulate):
+    """Each sensor first, then what is left together: what the ratios in the log say is what became of the readings."""
+    scenario = changed(FAULTY, tracking__gate={"significance": 0.05})
+    for name in ("ukf", "duif"):
+        _, steps, f, _ = simulate(scenario, name)
+        alone = together = 0
+        for step in steps:
+            for e in range(len(step["gate_stacked_ratio"])):
+                slots = range(3) if name == "ukf" else [[0, 2, 5][e]]
+                for slot in slots:
+                    beyond, stacked = step["gate_ratio"][slot] > 1, step["gate_stacked_ratio"][e] > 1
+                    assert step["decision"][slot] == (0 if not step["measurements_arrived"][slot] else 2 if beyond or stacked else 1)
+                    alone += beyond
+                    together += stacked and not beyond
+                assert step["nis_rows"][e] == sum(step["decision"][slot] == 1 for slot in slots)
+        assert alone > 5 and (together > 0 or name == "duif") and f["counts"]["rejected"] >= alone
+
+
+@pytest.mark.parametrize("name", ["ukf", "duif", "kcf", "rekfd"])
+def test_way_back(simulate, tmp_path, name):
+    """An estimate that starts far from the truth and sure of itself: the gate refuses everything until P := P0, and again, until it finds back."""
+    sure = changed(PLANE, model__P0=diagonal(1, 1, 0.1, 0.1), model__start=None, tracking__gate={"significance": 1e-4, "patience": 3}, edges=[[0, 1], [0, 2], [1, 2]],
+                   model__acceleration_psd=1e-4)
+    path = [np.array([22 + t, 12 + 0.6 * t]) for t in range(1, 61)]
+    (tmp_path / "y.csv").write_text("t,node,row,value\n" + "".join(f"{t},{k},0,{float(np.linalg.norm(p - node['position_m']))!r}\n"
+                                                                  for t, p in enumerate(path, 1) for k, node in enumerate(sure["nodes"])))
+    _, steps, f, _ = simulate(sure, name, "--measurements", tmp_path / "y.csv")
+    far, near = (np.linalg.norm(steps[t]["estimate"][:2] - path[t]) for t in (1, 59))
+    assert f["counts"]["reinitialised"] >= 1 and far > 5 and near < 1
+    _, _, f, _ = simulate(changed(sure, tracking__gate={"significance": 1e-4}), name, "--measurements", tmp_path / "y.csv")
+    assert f["counts"]["reinitialised"] == 0
 
 
 def test_kcf(simulate):
@@ -438,7 +502,7 @@ def test_own_models_without_derivative(run, refused, linear_sensors, tmp_path):
     (tmp_path / "s.json").write_text(json.dumps(changed(LINEAR, nodes=nodes)))
     for name in ("ekf", "rekfd"):
         message = refused(tmp_path, "simulate", "{}/s.json", "--filter", name, "--models", str(linear_sensors), "--out", "{}/l")
-        assert message.startswith(f"{name} needs derivatives: ") and "node 1" in message
+        assert message.startswith(f"{name} needs derivatives: ") and "nodes[1]" in message
     run("simulate", tmp_path / "s.json", "--filter", "all", "--models", linear_sensors, "--json", tmp_path / "j")
     summary = json.loads((tmp_path / "j").read_text())
     assert [f["filter"] for f in summary["filters"]] == ["ukf", "iukf", "iukf-literal", "pukf", "mpukf", "duif", "kcf"]
