@@ -273,7 +273,7 @@ def test_way_back(simulate, tmp_path, name):
     """An estimate that starts far from the truth and sure of itself: the gate refuses everything until P := P0, and again, until it finds back."""
     sure = changed(PLANE, model__P0=diagonal(1, 1, 0.1, 0.1), model__start=None, tracking__gate={"significance": 1e-4, "patience": 3}, edges=[[0, 1], [0, 2], [1, 2]],
                    model__acceleration_psd=1e-4)
-    path = [np.array([22 + t, 12 + 0.6 * t]) for t in range(1, 61)]
+    path = [np.array([26 + t, 40 + 0.6 * t]) for t in range(1, 61)]
     (tmp_path / "y.csv").write_text("t,node,row,value\n" + "".join(f"{t},{k},0,{float(np.linalg.norm(p - node['position_m']))!r}\n"
                                                                   for t, p in enumerate(path, 1) for k, node in enumerate(sure["nodes"])))
     _, steps, f, _ = simulate(sure, name, "--measurements", tmp_path / "y.csv")
