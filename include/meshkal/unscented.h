@@ -54,12 +54,13 @@ enum { MK_RULE_NONE, MK_RULE_INNOVATION, MK_RULE_MAHALANOBIS };
 #define MK_TRANSFORM_CUBATURE(n) {(n), -1}
 #define MK_TRANSFORM_SCALED(n, alpha, beta, kappa) {(alpha) * (alpha) * ((n) + (kappa)), (beta) - (alpha) * (alpha)}
 
-/* Scratch memory, in numbers, taken from the stack by the typed functions. */
-#define MK_UNSCENTED_ROWS(m, slots) ((m) * (slots))
-#define MK_UNSCENTED_POINTS(n, m) ((2 * (n) + 1) * ((n) + ((n) > (m) ? (n) : (m))))
-#define MK_UNSCENTED_WORK(n, m, slots)                                                                                        \
-    (MK_UNSCENTED_POINTS(n, m) + 3 * (n) * (n) + 8 * (n) + 3 * MK_PACKED(n) + MK_UNSCENTED_ROWS(m, slots) * (3 * (n) + 6) +   \
-     2 * MK_PACKED(MK_UNSCENTED_ROWS(m, slots)))
+/* Scratch memory, in numbers, taken from the stack by the typed functions: of predict, of update and contribution, of the rest; all of them. */
+#define MK_UNSCENTED_PREDICT_WORK(n) (2 * (n) * (2 * (n) + 1) + (n) * (3 * (n) + 1) + MK_PACKED(n) + 6 * (n))
+#define MK_UNSCENTED_UPDATE_WORK(n, m, slots)                                                                                 \
+    (((n) + ((n) > (m) ? (n) : (m))) * (2 * (n) + 1) + 3 * MK_PACKED(n) + 4 * (n) + 2 * (m) + 2 * (slots) +                   \
+     (m) * (slots) * (3 * (n) + 4) + 2 * MK_PACKED((m) * (slots)))
+#define MK_UNSCENTED_OTHER_WORK(n, m) ((n) * (n) + 2 * MK_PACKED(n) + 2 * (n) + MK_PACKED(m))
+#define MK_UNSCENTED_WORK(n, m, slots) (MK_UNSCENTED_PREDICT_WORK(n) + MK_UNSCENTED_UPDATE_WORK(n, m, slots) + MK_PACKED(m))
 
 #define MK_DECLARE_UNSCENTED_CORE(real)                                                                                       \
     typedef struct {                                                                                                          \
@@ -163,7 +164,7 @@ MK_DECLARE_UNSCENTED_CORE(f64)
         mk_unscented_##real##_t core;                                                                                         \
         mk_##real##_t x[n];                       /* estimate */                                                              \
         mk_##real##_t L[MK_PACKED(n)];            /* P = L L' */                                                              \
-        mk_##real##_t z[MK_UNSCENTED_ROWS(m, slot_count)]; /* readings */                                                     \
+        mk_##real##_t z[(m) * (slot_count)]; /* readings */                                                     \
         mk_gate_record_##real##_t record[slot_count]; /* of each sensor */                                                    \
         uint8_t have[slot_count];                                                                                             \
     } name##_t;                                                                                                               \
@@ -180,17 +181,17 @@ MK_DECLARE_UNSCENTED_CORE(f64)
         return view;                                                                                                          \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_start(name##_t *f, const name##_config_t *config) {                                          \
-        mk_##real##_t work[MK_UNSCENTED_WORK(n, m, slot_count)];                                                              \
+        mk_##real##_t work[MK_UNSCENTED_OTHER_WORK(n, m)];                                                                    \
         const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
         return mk_unscented_start_##real(n, m, slot_count, &view, config);                                                    \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_restart(name##_t *f, const mk_##real##_t *x0, const mk_##real##_t *P0) {                     \
-        mk_##real##_t work[MK_UNSCENTED_WORK(n, m, slot_count)];                                                              \
+        mk_##real##_t work[MK_UNSCENTED_OTHER_WORK(n, m)];                                                                    \
         const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
         return mk_unscented_restart_##real(n, slot_count, &view, x0, P0);                                                     \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_predict(name##_t *f, mk_##real##_t dt, const mk_##real##_t *Q) {                             \
-        mk_##real##_t work[MK_UNSCENTED_WORK(n, m, slot_count)];                                                              \
+        mk_##real##_t work[MK_UNSCENTED_PREDICT_WORK(n)];                                                                     \
         const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
         return mk_unscented_predict_##real(n, &view, dt, Q);                                                                  \
     }                                                                                                                         \
@@ -203,7 +204,7 @@ MK_DECLARE_UNSCENTED_CORE(f64)
         return mk_unscented_drop_##real(slot_count, &view, slot);                                                             \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_update(name##_t *f) {                                                                        \
-        mk_##real##_t work[MK_UNSCENTED_WORK(n, m, slot_count)];                                                              \
+        mk_##real##_t work[MK_UNSCENTED_UPDATE_WORK(n, m, slot_count)];                                                       \
         const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
         return mk_unscented_update_##real(n, m, slot_count, &view);                                                           \
     }                                                                                                                         \
@@ -214,12 +215,12 @@ MK_DECLARE_UNSCENTED_CORE(f64)
         return mk_unscented_covariance_##real(n, &view, P);                                                                   \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_contribution(name##_t *f, mk_##real##_t *s, mk_##real##_t *S) {                              \
-        mk_##real##_t work[MK_UNSCENTED_WORK(n, m, slot_count)];                                                              \
+        mk_##real##_t work[MK_UNSCENTED_UPDATE_WORK(n, m, slot_count)];                                                       \
         const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
         return mk_unscented_contribution_##real(n, m, slot_count, &view, 0, s, S);                                            \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_inform(name##_t *f, mk_##real##_t scale, const mk_##real##_t *s, const mk_##real##_t *S) {   \
-        mk_##real##_t work[MK_UNSCENTED_WORK(n, m, slot_count)];                                                              \
+        mk_##real##_t work[MK_UNSCENTED_OTHER_WORK(n, m)];                                                                    \
         const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
         return mk_unscented_inform_##real(n, &view, scale, s, S);                                                             \
     }                                                                                                                         \

@@ -3,6 +3,11 @@
 #define MK_ROLLED
 #include <meshkal/kernels.h>
 #include <meshkal/node.h>
+#include <meshkal/quantile.h>
+#include <meshkal/unscented.h>
+
+/* Times that an iterated filter halves its step. */
+#define MK_HALVINGS 4
 
 #include "network/frame.h"
 #include "network/numbers.h"
@@ -39,23 +44,9 @@ const char *mk_status_name(mk_status_t status) {
 }
 
 #define MK_BITS 32
-#include "real.h"
-#include "algebra/gamma_shared.tmpl.h"
-#include "filter/rkfd_object.tmpl.h"
-#include "network/numbers.tmpl.h"
-#include "node/record.tmpl.h"
-#include "node/node.tmpl.h"
-#include "node/steps.tmpl.h"
-#include "node/blob.tmpl.h"
+#include "shared.tmpl.h"
 #undef MK_BITS
 
 #define MK_BITS 64
-#include "real.h"
-#include "algebra/gamma_shared.tmpl.h"
-#include "filter/rkfd_object.tmpl.h"
-#include "network/numbers.tmpl.h"
-#include "node/record.tmpl.h"
-#include "node/node.tmpl.h"
-#include "node/steps.tmpl.h"
-#include "node/blob.tmpl.h"
+#include "shared.tmpl.h"
 #undef MK_BITS

@@ -1,0 +1,23 @@
+/* SPDX-License-Identifier: MIT */
+/* meshkal/gate.h. */
+
+MK_REAL MK_F(mk_gate_judge)(int policy, MK_REAL threshold, MK_REAL d2, MK_F_T(mk_gate_record) * record) {
+    record->d2 = d2 <= MK_LARGEST ? d2 : MK_LARGEST;
+    record->ratio = MK_R(0.0);
+    if (threshold > MK_R(0.0)) {
+        const MK_REAL ratio = record->d2 / threshold;
+        record->ratio = ratio <= MK_LARGEST ? ratio : MK_LARGEST;
+    }
+    if (record->ratio <= MK_R(1.0)) {
+        record->accepted++;
+        record->since_accepted = 0;
+        return MK_R(1.0);
+    }
+    record->since_accepted++;
+    if (policy == MK_GATE_INFLATE) {
+        record->inflated++;
+        return record->ratio;
+    }
+    record->rejected++;
+    return MK_R(0.0);
+}
