@@ -18,7 +18,7 @@ def code(shared):
     return shared("src/meshkal/meshkal.c")
 
 
-def sensors(rng, n, count=None):
+def sensors(rng, n, count=None, strength=0.1):
     """Ranges, bearings and quadratic rows, some of them in one sensor of two rows."""
     made = []
     for _ in range(count or int(rng.integers(1, 5))):
@@ -29,17 +29,17 @@ def sensors(rng, n, count=None):
             made.append((bearing_from(rng.normal(size=2) * 20, rng.choice(n, 2, replace=False)), covariance(rng, 1, 1e-5, 1e-2)))
         else:
             rows = int(rng.integers(1, 4))
-            made.append((quadratic(rng, n, rows, 0.1), covariance(rng, rows, 0.1, 3)))
+            made.append((quadratic(rng, n, rows, strength), covariance(rng, rows, 0.1, 3)))
     return made
 
 
-def reading(rng, model, R, truth):
-    z = model.function(truth[None], 0.0)[0] + np.linalg.cholesky(R) @ rng.normal(size=model.rows)
+def reading(rng, model, R, truth, outliers=0.0):
+    z = model.function(truth[None], 0.0)[0] + np.linalg.cholesky(R) @ rng.normal(size=model.rows) * (20 if rng.random() < outliers else 1)
     return nonlinear.wrap(z) if model.difference else z
 
 
 WEIGHTS = {"cubature": lambda n: {}, "two": lambda n: dict(kappa=2), "scaled": lambda n: dict(alpha=0.5, beta=2.0, kappa=0.0),
-           "scaled-small": lambda n: dict(alpha=1e-2, beta=2.0, kappa=1.0)}
+           "scaled-small": lambda n: dict(alpha=0.1, beta=2.0, kappa=1.0)}
 KINDS = {**{f"ukf-{name}": (UNSCENTED, 1, NO_RULE, w) for name, w in WEIGHTS.items()}, "ekf": (EXTENDED, 1, NO_RULE, WEIGHTS["cubature"]),
          **{f"pukf-{N}": (PROGRESSIVE, N, NO_RULE, WEIGHTS["two"]) for N in (1, 5, 30)},
          **{f"mpukf-{RULE[rule]}-{N}": (PROGRESSIVE, N, rule, WEIGHTS["cubature"]) for rule in (INNOVATION, MAHALANOBIS) for N in (5, 30)},
@@ -51,7 +51,7 @@ def pair(code, rng, n, kind, models=None, motion=None, P0=None, **options):
     update, N, rule, weights = KINDS[kind]
     motion = motion or waves(rng, n, 0.3)
     models = models or sensors(rng, n)
-    Q = covariance(rng, n, 1e-3, 0.1, rank=int(rng.integers(0, n + 1)))
+    Q = covariance(rng, n, 1e-3, 0.1, rank=int(rng.integers(1, n + 1)))
     x, P = rng.normal(size=n) * 3, covariance(rng, n, 0.1, 2) if P0 is None else P0
     f = Filter(code, n, motion, Q, models, x, P, kind=update, increments=N, rule=rule, transform=transform(n, **weights(n)), **options)
     assert f.start() == OK
@@ -69,21 +69,22 @@ def test_random_models(code, kind):
     stops, most = 0, 0.0
     for n in range(1, 9):
         rng = np.random.default_rng([n, 7])
-        f, book, truth, motion, Q, models = pair(code, rng, n, kind)
+        # The Mahalanobis form hardly ever stops where the models are nearly linear.
+        models = sensors(rng, n, strength=2.0) if rule == MAHALANOBIS else None
+        f, book, truth, motion, Q, models = pair(code, rng, n, kind, models)
         for _ in range(25 if N > 5 else 50):
             dt = float(rng.uniform(0.1, 1))
-            # From a P of float64, whose rounding nothing can undo: P of a badly conditioned step is compared in its own units.
-            book.x, book.P = f.x.astype(LONG), f.P.astype(LONG)
+            book.x, book.P = f.exact()
             assert f.predict(dt) == OK
             book.predict(dt)
             most = max(most, *distance(f.x, f.P, book))
             assert most < 1e-9
             truth = motion.function(truth[None], dt)[0] + rng.multivariate_normal(np.zeros(n), Q, method="eigh")
-            z = {s: reading(rng, *models[s], truth) for s in range(len(models)) if rng.random() < 0.6}
+            z = {s: reading(rng, *models[s], truth, 0.1) for s in range(len(models)) if rng.random() < 0.6}
             for s in rng.permutation(list(z)).tolist():
                 assert f.put(s, z[s]) == OK
             before, fired, at = f.state(), f.core.rule_fired, len(z)
-            book.x, book.P = f.x.astype(LONG), f.P.astype(LONG)
+            book.x, book.P = f.exact()
             assert f.update() == OK
             done = book.update(z, N, update == LITERAL, RULE[rule])
             if not at:
@@ -105,7 +106,7 @@ def test_float32(code, kind):
         rng = np.random.default_rng([n, 8])
         f, book, truth, motion, Q, models = pair(code, rng, n, kind, bits=32)
         for _ in range(30):
-            book.x, book.P = f.x.astype(LONG), f.P.astype(LONG)
+            book.x, book.P = f.exact()
             assert f.predict(0.5) == OK
             book.predict(0.5)
             assert max(distance(f.x, f.P, book)) < 1e-4
@@ -113,7 +114,7 @@ def test_float32(code, kind):
             z = {s: reading(rng, *models[s], truth).astype(np.float32) for s in range(len(models)) if rng.random() < 0.6}
             for s in z:
                 assert f.put(s, z[s]) == OK
-            book.x, book.P = f.x.astype(LONG), f.P.astype(LONG)
+            book.x, book.P = f.exact()
             assert f.update() == OK
             done = book.update(z, N, False, RULE[rule])
             # A step whose statistics are nearly equal may be stopped by rounding.
@@ -206,27 +207,35 @@ def test_iterated_against_textbook(code):
 
 
 def test_iterated_is_map(code):
-    """A transform with next to no spread linearises at the point itself: the end is the minimum of the cost, which SciPy finds."""
-    tried = 0
-    for seed in range(30):
-        rng = np.random.default_rng([seed, 3])
-        n = int(rng.integers(1, 6))
-        models, x, P = sensors(rng, n), rng.normal(size=n) * 3, covariance(rng, n, 0.1, 1)
-        truth = x + np.linalg.cholesky(P) @ rng.normal(size=n)
-        z = {s: reading(rng, *models[s], truth) for s in range(len(models))}
-        f = Filter(code, n, np.eye(n), np.eye(n), models, x, P, kind=ITERATED, increments=200, transform=transform(n, alpha=1e-4))
-        assert f.start() == OK
-        for s in z:
-            assert f.put(s, z[s]) == OK
-        assert f.update() == OK
-        cost = cost_of(Textbook(n, np.eye(n), np.eye(n), models, x, P), z)
-        near = optimize.minimize(cost, f.x, method="BFGS", options=dict(gtol=1e-9))
-        sigma = np.sqrt(np.diag(f.P))
-        # Gauss-Newton with few halvings may stop early on the strongest of these; that is then not a minimum, and is counted.
-        if np.max(np.abs(near.x - f.x) / sigma) < 1e-3:
-            tried += 1
-            assert cost(f.x) <= near.fun + 1e-6
-    assert tried >= 24, tried
+    """Sharp readings: the posterior's spread s goes to nothing, and with it what statistical linearisation adds, of order s^2 and of s in units
+    of s. Against the minimum of the cost that SciPy finds from there."""
+    apart = {}
+    for size in (1e-2, 1e-3, 1e-4):
+        apart[size] = []
+        for seed in range(20):
+            rng = np.random.default_rng([seed, 3])
+            n = int(rng.integers(1, 6))
+            models = [(quadratic(rng, n, n, 0.3), covariance(rng, n, 0.5, 2) * size**2), (quadratic(rng, n, 2, 0.3), covariance(rng, 2, 0.5, 2) * size**2)]
+            x, P = rng.normal(size=n), covariance(rng, n, 0.05, 0.2)
+            truth = x + np.linalg.cholesky(P) @ rng.normal(size=n)
+            z = {s: reading(rng, *models[s], truth) for s in range(2)}
+            f = Filter(code, n, np.eye(n), np.eye(n), models, x, P, kind=ITERATED, increments=50)
+            assert f.start() == OK
+            for s in z:
+                assert f.put(s, z[s]) == OK
+            assert f.update() == OK and f.core.increments < 50
+            roots = [np.linalg.inv(np.linalg.cholesky(R)) for _, R in models] + [np.linalg.inv(np.linalg.cholesky(P))]
+
+            def whitened(x):
+                return np.concatenate([roots[s] @ (models[s][0].function(x[None], 0)[0] - z[s]) for s in z] + [roots[2] @ (x - f_x0)])
+
+            f_x0 = x
+            best = optimize.least_squares(whitened, f.x, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+            apart[size].append(float(np.max(np.abs(best.x - f.x) / np.sqrt(np.diag(f.P)))))
+    middle = {size: np.median(values) for size, values in apart.items()}
+    print(middle, {size: max(values) for size, values in apart.items()})
+    assert max(apart[1e-4]) < 1e-3
+    assert middle[1e-3] < 0.3 * middle[1e-2] and middle[1e-4] < 0.3 * middle[1e-3]
 
 
 # --- weights below zero ----------------------------------------------------------------------------------------------------
@@ -243,9 +252,9 @@ def test_negative_centre_weight(code, n):
     weights, seen = dict(kappa=3 - n), {"predict": [0, 0], "update": [0, 0]}
     for seed in range(60):
         rng = np.random.default_rng([seed, n])
-        strength = float(np.exp(rng.uniform(np.log(0.02), np.log(3))))
+        strength = float(np.exp(rng.uniform(np.log(0.02), np.log(10))))
         motion, models = quadratic(rng, n, n, strength), [(quadratic(rng, n, 2, strength), covariance(rng, 2, 0.1, 1)) for _ in range(2)]
-        Q, x, P = covariance(rng, n, 0.1, 3), rng.normal(size=n), covariance(rng, n, 0.1, 2)
+        Q, x, P = covariance(rng, n, 0.01, 1) * (seed % 2), rng.normal(size=n) * (seed % 3 > 0), covariance(rng, n, 0.1, 2)
         f = Filter(code, n, motion, Q, models, x, P, transform=transform(n, **weights))
         assert f.start() == OK
         book = Textbook(n, motion, Q, models, x, P, Weights(n, **weights))
@@ -258,7 +267,7 @@ def test_negative_centre_weight(code, n):
         before = f.state()
         found = f.update()
         if abs(extremes(joint)) > 1e-9:
-            seen["update"][extremes(joint) > 0] += 1
+            seen["update"][int(extremes(joint) > 0)] += 1
             if extremes(joint) > 0:
                 assert found == OK
                 book.update(z)
@@ -273,7 +282,7 @@ def test_negative_centre_weight(code, n):
         before, book = f.state(), Textbook(n, motion, Q, models, x, P, Weights(n, **weights))
         found, predicted = f.predict(), textbook.transformed(book.weights, book.x, book.P, [motion])[1] + book.Q
         if abs(extremes(predicted)) > 1e-9:
-            seen["predict"][extremes(predicted) > 0] += 1
+            seen["predict"][int(extremes(predicted) > 0)] += 1
             if extremes(predicted) > 0:
                 assert found == OK, (seed, extremes(predicted))
                 book.predict()
@@ -318,7 +327,7 @@ def test_angles(code, kind, mean):
         book = Textbook(5, motion, Q, models, x, P, Weights(5, **weights(5)), update == EXTENDED)
         truth, crossings, worst = x.copy(), 0, 0.0
         for _ in range(120):
-            book.x, book.P = f.x.astype(LONG), f.P.astype(LONG)
+            book.x, book.P = f.exact()
             assert f.predict(0.2) == OK
             book.predict(0.2)
 
@@ -335,7 +344,7 @@ def test_angles(code, kind, mean):
             crossings += sum(abs(z[s][0]) > 3 for s in z if s < 2)
             for s in z:
                 assert f.put(s, z[s]) == OK
-            book.x, book.P = f.x.astype(LONG), f.P.astype(LONG)
+            book.x, book.P = f.exact()
             assert f.update() == OK
             book.update(z, N, False, RULE[rule])
             worst = max(worst, compare())
@@ -370,9 +379,10 @@ def test_information(code):
             found, s, S = filter.contribution(without)
             assert found == OK
             s_book, S_book = book.information(z, bool(without))
-            scale = np.sqrt(np.diag(S_book))
-            assert np.max(np.abs(S - S_book) / np.outer(scale, scale)) < 1e-9
-            assert np.max(np.abs(s - s_book) / (np.abs(s_book) + scale)) < 1e-9
+            # In units of P: what no sensor sees has no scale of its own.
+            unit = np.sqrt(np.diag(P))
+            assert np.max(np.abs(S - S_book) * np.outer(unit, unit)) < 1e-11 * np.max(np.abs(S_book) * np.outer(unit, unit))
+            assert np.max(np.abs(s - s_book) * unit) < 1e-11 * np.max(np.abs(s_book) * unit)
             assert (filter.x == x_before).all() and (filter.L == L_before).all()
             again = filter.contribution(without)
             assert again[0] == OK and not again[1].any() and not again[2].any(), "the readings are used up"
@@ -398,7 +408,7 @@ def test_indefinite_information(code, bits):
         rng = np.random.default_rng([seed, 10])
         n = int(rng.integers(1, 8))
         P, x, s = covariance(rng, n, 0.2, 2), rng.normal(size=n), rng.normal(size=n)
-        values = rng.normal(size=n) + 0.3
+        values = rng.normal(size=n)
         vectors = np.linalg.qr(rng.normal(size=(n, n)))[0]
         S = (vectors * values) @ vectors.T
         f = Filter(code, n, np.eye(n), np.eye(n), [(linear(np.eye(n)), np.eye(n))], x, P, bits=bits)

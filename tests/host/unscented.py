@@ -77,7 +77,7 @@ def transform(n, alpha=1.0, beta=0.0, kappa=0.0):
 
 
 class Filter:
-    """`code` is the library. Calls return the status. The scratch memory ends in numbers that must stay as they are.
+    """`code` is the library. Calls return the status. Scratch memory holds NaN before every call, and behind it numbers that must stay.
 
     motion: a Model, or a matrix A; sensors: pairs (Model, R); gate: dictionary of sensor, stacked (arrays), patience, policy.
     fail: called before every call of a model with "motion" or the slot; what it returns, unless None, is returned (a status), or "nan".
@@ -109,10 +109,13 @@ class Filter:
         self.core, self.record = t.core(), (t.record * slots)()
         self.x, self.L, self.z = (np.zeros(k, t.numpy) for k in (n, packed, rows))
         self.have = np.zeros(slots, np.uint8)
-        # MK_UNSCENTED_WORK, written again, and what must not be touched.
-        size = (2 * n + 1) * (n + max(n, self.m)) + 3 * n * n + 8 * n + 3 * packed + rows * (3 * n + 6) + rows * (rows + 1)
-        self.work = np.full(size + 16, 12345, t.numpy)
-        self.size = size
+        wide = max(n, self.m)
+        # MK_UNSCENTED_.._WORK, written again.
+        predict = 2 * n * (2 * n + 1) + n * (3 * n + 1) + packed + 6 * n
+        update = ((n + wide) * (2 * n + 1) + 3 * packed + 4 * n + 2 * self.m + 2 * slots + rows * (3 * n + 4) + rows * (rows + 1))
+        other = n * n + 2 * packed + 2 * n + self.m * (self.m + 1) // 2
+        self.sizes = {"predict": predict, "update": update, "contribution": update}
+        self.other, self.work = other, np.zeros(max(predict, update, other) + 16, t.numpy)
         self.view = t.view(ctypes.addressof(self.core), *(a.ctypes.data for a in (self.x, self.L, self.z, self.have)),
                            ctypes.addressof(self.record), self.work.ctypes.data)
 
@@ -162,8 +165,11 @@ class Filter:
         return made
 
     def call(self, name, *arguments):
+        end = self.sizes.get(name, self.other)
+        self.work[:end] = np.nan
+        self.work[end:] = 12345
         found = getattr(self.code, f"mk_unscented_{name}{self.types.suffix}")(*arguments)
-        assert (self.work[self.size:] == 12345).all(), "scratch memory overrun"
+        assert (self.work[end:] == 12345).all(), "scratch memory overrun"
         return found
 
     def start(self):
@@ -190,6 +196,12 @@ class Filter:
         return unpack(P, self.n)
 
     P = property(covariance)
+
+    def exact(self):
+        """x and L L' in the longest float type."""
+        L = np.zeros((self.n, self.n), np.longdouble)
+        L[np.tril_indices(self.n)] = self.L
+        return self.x.astype(np.longdouble), L @ L.T
 
     def contribution(self, without_residual=0):
         s, S = np.full(self.n, np.nan, self.types.numpy), np.full(len(self.L), np.nan, self.types.numpy)
