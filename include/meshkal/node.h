@@ -35,6 +35,7 @@
 #define MESHKAL_NODE_H
 
 #include <meshkal/frame.h>
+#include <meshkal/gate.h>
 #include <meshkal/record.h>
 #include <meshkal/rkfd.h>
 
@@ -77,6 +78,7 @@ typedef struct {
         const mk_##real##_t *reading; /* slots: thresholds, for example a quantile of chi-square with rows degrees; 0: none */ \
         mk_##real##_t estimate;       /* 0: none */                                                                           \
         uint16_t patience;            /* 0: no way back but restart */                                                        \
+        mk_gate_record_##real##_t *record; /* slots: what the gate says of each reading (meshkal/gate.h), in RAM; null: nothing */ \
     } mk_node_gate_##real##_t;                                                                                                \
                                                                                                                               \
     /* Neighbours whose C and R are not in the configuration and come with every reading. Their part of the filter's arrays is \

@@ -21,8 +21,9 @@ void MK_F(mk_node_judge_readings)(int n, int m, int slots, const MK_F_T(mk_node_
     int judged = 0, refused = 0;
     for (int l = 0; l < slots; l++) {
         if (!filter->have_y[l] || !(gate->reading[l] > MK_R(0.0)) || filter->core->config->rows[l] == 0) continue;
+        MK_F_T(mk_gate_record) unseen = {0, 0, 0, 0, 0, 0}, *const record = gate->record ? gate->record + l : &unseen;
         judged++;
-        if (MK_F(mk_node_distance)(n, m, view, l) <= gate->reading[l]) continue;
+        if (MK_F(mk_gate_judge)(MK_GATE_SKIP, gate->reading[l], MK_F(mk_node_distance)(n, m, view, l), record) > MK_R(0.0)) continue;
         refused++;
         filter->have_y[l] |= 4; /* until all have been judged */
     }
