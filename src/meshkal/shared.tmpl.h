@@ -2,7 +2,10 @@
 /* All that is compiled once in one precision, lowest layer first. */
 #include "real.h"
 #include "algebra/gamma_shared.tmpl.h"
+#include "algebra/trigonometric.tmpl.h"
 #include "algebra/triangular.tmpl.h"
+#include "models/motion.tmpl.h"
+#include "models/sensors.tmpl.h"
 #include "filter/rkfd_object.tmpl.h"
 #include "filter/gate.tmpl.h"
 #include "filter/unscented_transform.tmpl.h"

@@ -1,11 +1,14 @@
 /* SPDX-License-Identifier: MIT */
 /* Every public header in C++17, and both ways of declaring a filter and a node in both precisions: it compiles, links, and takes a step. */
+#include <meshkal/angle.h>
 #include <meshkal/base.h>
 #include <meshkal/frame.h>
 #include <meshkal/gamma.h>
 #include <meshkal/node.h>
+#include <meshkal/quantile.h>
 #include <meshkal/record.h>
 #include <meshkal/rkfd.h>
+#include <meshkal/tracking.h>
 #include <meshkal/unrolled.h>
 
 #include <cstdint>
@@ -77,12 +80,27 @@ template <typename T> bool gamma(int (*root)(int, const T *, T, T *, T *), int (
     return root(2, P, T(0.02), &theta, work) > 0 && value(2, P, theta, &found, nullptr, work) == 1;
 }
 
+#define TRACKING(real)                                                                                                         \
+    [] {                                                                                                                       \
+        static const mk_motion_t motion = {4, 2, {0, 2}, {1, 3}, 0};                                                           \
+        static const mk_site_##real##_t mast = {&motion, {1, 0}, {}};                                                          \
+        const mk_model_##real##_t moves = {mk_constant_velocity_##real, mk_constant_velocity_jacobian_##real, &motion, nullptr}; \
+        const mk_space_##real##_t angles = {mk_bearing_difference_##real, nullptr, &motion};                                   \
+        const mk_model_##real##_t sees = {mk_bearing_##real, mk_bearing_jacobian_##real, &mast, &angles};                      \
+        const mk_##real##_t x[4] = {1, 0, 0, 1};                                                                               \
+        mk_##real##_t later[4], y[1], sine, cosine;                                                                            \
+        mk_sincos_##real(0, &sine, &cosine);                                                                                   \
+        return mk_motion_check(&motion, MK_MOTION_VELOCITY) == MK_OK && cosine == 1 && mk_atan2_##real(sine, cosine) == 0 &&   \
+               mk_wrap_##real(7) < 1 && moves.function(moves.context, 2, 1, x, later) == MK_OK && later[2] == 2 &&             \
+               sees.function(sees.context, 0, 1, later, y) == MK_OK && y[0] > 1;                                               \
+    }()
+
 } // namespace
 
 int main() {
     const bool good = STEP(shared_f32, f32) && STEP(shared_f64, f64) && STEP(unrolled_f32, f32) && STEP(unrolled_f64, f64) &&
                       NODE(node_f32, f32) && NODE(node_f64, f64) && NODE(quick_f32, f32) && NODE(quick_f64, f64) &&
                       gamma<float>(mk_gamma_root_f32, mk_gamma_f32) && gamma<double>(mk_gamma_root_f64, mk_gamma_f64) &&
-                      mk_status_name(MK_OK)[0] == 'M';
+                      TRACKING(f32) && TRACKING(f64) && mk_status_name(MK_OK)[0] == 'M';
     return good ? 0 : 1;
 }

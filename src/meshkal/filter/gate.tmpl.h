@@ -21,3 +21,9 @@ MK_REAL MK_F(mk_gate_judge)(int policy, MK_REAL threshold, MK_REAL d2, MK_F_T(mk
     record->rejected++;
     return MK_R(0.0);
 }
+
+mk_status_t MK_F(mk_gate_thresholds)(double tail, int count, MK_REAL *threshold) {
+    if (!threshold || !(tail > 0.0 && tail < 1.0)) return MK_ERROR_ARGUMENT;
+    for (int i = 0; i < count; i++) threshold[i] = (MK_REAL)mk_chi2_quantile(tail, (double)(i + 1));
+    return MK_OK;
+}
