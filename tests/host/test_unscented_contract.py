@@ -4,20 +4,15 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy import stats
 
-import nonlinear
 from nonlinear import bearing_from, covariance, distance_to, linear, quadratic, waves
-from textbook import Textbook, Weights, distance
-from unscented import (EXTENDED, INNOVATION, ITERATED, LITERAL, MAHALANOBIS, NO_RULE, OK, PROGRESSIVE, UNSCENTED, Filter, Model, status, transform)
+from textbook import Textbook, distance
+from unscented import (EXTENDED, INNOVATION, ITERATED, LITERAL, MAHALANOBIS, NO_RULE, OK, PROGRESSIVE, UNSCENTED, Filter, Model, status)
 
 METHODS = {"ukf": (UNSCENTED, 1, NO_RULE), "ekf": (EXTENDED, 1, NO_RULE), "pukf": (PROGRESSIVE, 4, NO_RULE), "mpukf": (PROGRESSIVE, 4, INNOVATION),
            "mpukf-mahalanobis": (PROGRESSIVE, 4, MAHALANOBIS), "iukf": (ITERATED, 4, NO_RULE), "literal": (LITERAL, 4, NO_RULE)}
 DOMAIN, NOT_FINITE = status("DOMAIN"), status("NOT_FINITE")
-
-
-@pytest.fixture(scope="module")
-def code(shared):
-    return shared("src/meshkal/meshkal.c")
 
 
 def bench(code, method="ukf", seed=1, bits=64, change=None, **options):
@@ -109,16 +104,18 @@ def test_start_refuses(code, bits):
         S[1, 0] = S[0, 1] = value
         return S
     model = good["sensors"][0][0]
-    cases = [(dict(P0=indefinite), "NOT_POSITIVE_DEFINITE"), (dict(P0=np.zeros((2, 2))), "NOT_POSITIVE_DEFINITE"), (dict(P0=np.ones((2, 2))), "NOT_POSITIVE_DEFINITE"),
-             (dict(Q=indefinite), "NOT_POSITIVE_DEFINITE"), (dict(Q=-np.eye(2)), "NOT_POSITIVE_DEFINITE"), (dict(Q=np.diag([1.0, -1e-3])), "NOT_POSITIVE_DEFINITE"),
-             (dict(Q=spoilt(np.zeros((2, 2)), 1.0)), "NOT_POSITIVE_DEFINITE"), (dict(Q=spoilt(np.diag([0.0, 1.0]), 0.1)), "NOT_POSITIVE_DEFINITE"),
-             (dict(sensors=[(model, indefinite)]), "NOT_POSITIVE_DEFINITE"), (dict(sensors=[(model, np.zeros((2, 2)))]), "NOT_POSITIVE_DEFINITE"),
-             *((dict(P0=spoilt(np.eye(2), v)), "NOT_FINITE") for v in (nan, inf)), *((dict(Q=spoilt(np.eye(2), v)), "NOT_FINITE") for v in (nan, -inf)),
-             *((dict(sensors=[(model, spoilt(np.eye(2), v))]), "NOT_FINITE") for v in (nan, inf)), (dict(x0=[0.0, nan]), "NOT_FINITE"),
-             (dict(motion=spoilt(np.eye(2), nan)), "NOT_FINITE")]
+    negative = [dict(P0=S) for S in (indefinite, np.zeros((2, 2)), np.ones((2, 2)))]
+    negative += [dict(Q=S) for S in (indefinite, -np.eye(2), np.diag([1.0, -1e-3]), spoilt(np.zeros((2, 2)), 1.0), spoilt(np.diag([0.0, 1.0]), 0.1))]
+    negative += [dict(sensors=[(model, S)]) for S in (indefinite, np.zeros((2, 2)), np.ones((2, 2)))]
+    endless = [dict(P0=spoilt(np.eye(2), v)) for v in (nan, inf)] + [dict(Q=spoilt(np.eye(2), v)) for v in (nan, -inf)]
+    endless += [dict(sensors=[(model, spoilt(np.eye(2), v))]) for v in (nan, inf)] + [dict(x0=[0.0, nan]), dict(motion=spoilt(np.eye(2), nan))]
+    cases = [(change, "NOT_POSITIVE_DEFINITE") for change in negative] + [(change, "NOT_FINITE") for change in endless]
     cases += [(dict(config={name: value}), "SHAPE") for name, value in (("n", 3), ("n", 1), ("m", 1), ("m", 3), ("slots", 2), ("slots", 0))]
-    cases += [(dict(config={name: value}), "ARGUMENT") for name, value in (("sensor", None), ("x0", None), ("P0", None), ("increments", 0), ("update", 5), ("rule", 3))]
+    cases += [(dict(config={name: value}), "ARGUMENT")
+              for name, value in (("sensor", None), ("x0", None), ("P0", None), ("increments", 0), ("update", 5), ("rule", 3))]
     cases += [(dict(transform=(value, -1)), "ARGUMENT") for value in (0, -1, nan, inf)] + [(dict(transform=(1, nan)), "ARGUMENT")]
+    cases += [(dict(gate={where: [value if i == place else 1.0 for i in range(2)]}), name) for where in ("sensor", "stacked") for place in (0, 1)
+              for value, name in ((-1.0, "ARGUMENT"), (nan, "NOT_FINITE"), (inf, "NOT_FINITE"))] + [(dict(gate=dict(sensor=[1.0, 1.0], policy=2)), "ARGUMENT")]
     cases += [(dict(kind=EXTENDED, motion=Model(2, lambda x, dt: x)), "ARGUMENT"), (dict(kind=EXTENDED, sensors=[(Model(2, lambda x, dt: x), np.eye(2))]), "ARGUMENT")]
     for change, name in cases:
         f = Filter(code, **(good | change))
@@ -303,8 +300,8 @@ def test_restart(code):
 
 @pytest.mark.once
 def test_nees(code):
-    """Monte Carlo on a mildly nonlinear model of its own: mean NEES within its 95 % band for what keeps to its R; the published iteration is sure of too much."""
-    from scipy import stats
+    """Monte Carlo on a mildly nonlinear model of its own: mean NEES within its 95 % band for what keeps to its R; the published iteration is sure
+    of too much."""
     runs, steps, n, found = 150, 20, 4, {}
     motion = Model(4, lambda x, dt: np.stack([x[:, 0] + dt * x[:, 1], x[:, 1], x[:, 2] + dt * x[:, 3], x[:, 3]], 1))
     places = ((0.0, 0.0), (60.0, 0.0), (0.0, 60.0))
@@ -329,6 +326,5 @@ def test_nees(code):
             total.append(d @ np.linalg.solve(f.P, d))
         found[method] = np.sum(total)
     low, high = stats.chi2.ppf((0.025, 0.975), runs * n)
-    print({k: v / runs for k, v in found.items()}, low / runs, high / runs)
     assert low < found["ukf"] < high and low < found["pukf"] < high
     assert found["literal"] > 1.5 * high

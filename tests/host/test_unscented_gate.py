@@ -8,12 +8,7 @@ from scipy import stats
 
 from nonlinear import bearing_from, covariance, distance_to, linear, quadratic, waves
 from textbook import LONG, Textbook, blocks, distance, solve
-from unscented import (EXTENDED, INFLATE, INNOVATION, ITERATED, MAHALANOBIS, NO_RULE, OK, PROGRESSIVE, SKIP, TYPES, UNSCENTED, Filter, status)
-
-
-@pytest.fixture(scope="module")
-def code(shared):
-    return shared("src/meshkal/meshkal.c")
+from unscented import EXTENDED, INFLATE, INNOVATION, ITERATED, MAHALANOBIS, NO_RULE, OK, PROGRESSIVE, SKIP, TYPES, UNSCENTED, Filter, status
 
 
 def thresholds(tail, count):
