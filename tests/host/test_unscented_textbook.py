@@ -357,17 +357,17 @@ def test_information(code):
         models, x, P = sensors(rng, n), rng.normal(size=n) * 3, covariance(rng, n, 0.1, 2)
         truth = x + np.linalg.cholesky(P) @ rng.normal(size=n)
         z = {s: reading(rng, *models[s], truth) for s in range(len(models))}
-        w = dict(kappa=2) if seed % 2 else {}
+        w, kind = dict(kappa=2) if seed % 2 else {}, EXTENDED if seed % 4 == 3 else UNSCENTED
 
         def fresh(put=True):
-            f = Filter(code, n, np.eye(n), np.eye(n), models, x, P, transform=transform(n, **w))
+            f = Filter(code, n, np.eye(n), np.eye(n), models, x, P, kind=kind, transform=transform(n, **w))
             assert f.start() == OK
             for s in z if put else ():
                 assert f.put(s, z[s]) == OK
             return f
         ukf, f, paper = fresh(), fresh(), fresh()
         assert ukf.update() == OK
-        book = Textbook(n, np.eye(n), np.eye(n), models, x, P, Weights(n, **w))
+        book = Textbook(n, np.eye(n), np.eye(n), models, x, P, Weights(n, **w), kind == EXTENDED)
         x_before, L_before = f.x.copy(), f.L.copy()
         for filter, without in ((f, 0), (paper, 1)):
             found, s, S = filter.contribution(without)
