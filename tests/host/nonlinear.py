@@ -98,3 +98,23 @@ def walker(mean=False):
         m[2] = circular(weights, y[:, 2:3])[0]
         return m
     return Model(5, function, jacobian, turned, mean_of if mean else None)
+
+
+def sensors(rng, n, count=None, strength=0.1):
+    """Ranges, bearings and quadratic rows, some of them in one sensor of two rows."""
+    made = []
+    for _ in range(count or int(rng.integers(1, 5))):
+        which = rng.integers(0, 3)
+        if n >= 2 and which == 0:
+            made.append((distance_to(rng.normal(size=2) * 20, rng.choice(n, 2, replace=False)), covariance(rng, 1, 1e-3, 1)))
+        elif n >= 2 and which == 1:
+            made.append((bearing_from(rng.normal(size=2) * 20, rng.choice(n, 2, replace=False)), covariance(rng, 1, 1e-5, 1e-2)))
+        else:
+            rows = int(rng.integers(1, 4))
+            made.append((quadratic(rng, n, rows, strength), covariance(rng, rows, 0.1, 3)))
+    return made
+
+
+def reading(rng, model, R, truth, outliers=0.0):
+    z = model.function(truth[None], 0.0)[0] + np.linalg.cholesky(R) @ rng.normal(size=model.rows) * (20 if rng.random() < outliers else 1)
+    return wrap(z) if model.difference else z

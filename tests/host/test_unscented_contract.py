@@ -115,8 +115,10 @@ def test_start_refuses(code, bits):
               for name, value in (("sensor", None), ("x0", None), ("P0", None), ("increments", 0), ("update", 5), ("rule", 3))]
     cases += [(dict(transform=(value, -1)), "ARGUMENT") for value in (0, -1, nan, inf)] + [(dict(transform=(1, nan)), "ARGUMENT")]
     cases += [(dict(gate={where: [value if i == place else 1.0 for i in range(2)]}), name) for where in ("sensor", "stacked") for place in (0, 1)
-              for value, name in ((-1.0, "ARGUMENT"), (nan, "NOT_FINITE"), (inf, "NOT_FINITE"))] + [(dict(gate=dict(sensor=[1.0, 1.0], policy=2)), "ARGUMENT")]
-    cases += [(dict(kind=EXTENDED, motion=Model(2, lambda x, dt: x)), "ARGUMENT"), (dict(kind=EXTENDED, sensors=[(Model(2, lambda x, dt: x), np.eye(2))]), "ARGUMENT")]
+              for value, name in ((-1.0, "ARGUMENT"), (nan, "NOT_FINITE"), (inf, "NOT_FINITE"))]
+    cases += [(dict(gate=dict(sensor=[1.0, 1.0], policy=2)), "ARGUMENT")]
+    bare = Model(2, lambda x, dt: x)
+    cases += [(dict(kind=EXTENDED) | change, "ARGUMENT") for change in (dict(motion=bare), dict(sensors=[(bare, np.eye(2))]))]
     for change, name in cases:
         f = Filter(code, **(good | change))
         before = f.state()

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Gates of <meshkal/unscented.h> and <meshkal/gate.h>: decisions against squared distances and SciPy's quantiles, what is left of the readings, the way back."""
+"""Gates of <meshkal/unscented.h> and <meshkal/gate.h>: decisions against squared distances and SciPy's quantiles, what is left of the readings,
+the way back."""
 import ctypes
 
 import numpy as np

@@ -155,7 +155,7 @@ class Textbook:
         return increments
 
     def iterate(self, z, steps):
-        """Gauss-Newton on the posterior, linearised statistically over the present one; no damping. Yields x and P after each step and the cost there."""
+        """Gauss-Newton on the posterior, linearised statistically over the present one; no damping. Yields x, P and cost after each step."""
         slots = sorted(z)
         R, x0, P0, x, P = self.noise(slots), self.x, self.P, self.x, self.P
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""<meshkal/unscented.h> for Python: filters of any dimensions and either precision by ctypes, with models that are Python functions of whole arrays."""
+"""<meshkal/unscented.h> for Python: filters of any dimensions and either precision by ctypes, with models that are Python functions of whole
+arrays."""
 import ctypes
 import pathlib
 import re
@@ -209,7 +210,8 @@ class Filter:
         return found, s, unpack(S, self.n)
 
     def inform(self, scale, s, S):
-        return self.call("inform", self.n, byref(self.view), self.types.real(scale), c_void_p(self.address(s)), c_void_p(self.address(pack(S))))
+        s, S = self.address(s), self.address(pack(S))
+        return self.call("inform", self.n, byref(self.view), self.types.real(scale), c_void_p(s), c_void_p(S))
 
     def state(self, failed=False):
         """Everything that the object holds, as bytes; without core.failed unless asked for."""

@@ -43,7 +43,8 @@ typedef struct {
 
 static void transforms(void **unused) {
     (void)unused;
-    const mk_transform_f64_t julier = MK_TRANSFORM_JULIER(4, -1), cubature = MK_TRANSFORM_CUBATURE(4), scaled = MK_TRANSFORM_SCALED(4, 0.5, 2.0, 1.0);
+    const mk_transform_f64_t julier = MK_TRANSFORM_JULIER(4, -1), cubature = MK_TRANSFORM_CUBATURE(4);
+    const mk_transform_f64_t scaled = MK_TRANSFORM_SCALED(4, 0.5, 2.0, 1.0);
     assert_true(julier.spread == 3.0 && julier.correction == -1.0);
     assert_true(cubature.spread == 4.0 && cubature.correction == -1.0);
     assert_true(scaled.spread == 1.25 && scaled.correction == 1.75);
@@ -54,7 +55,8 @@ static void transforms(void **unused) {
 MK_UNSCENTED(single, f32, 4, 2, 3);
 MK_UNSCENTED(twice, f64, 4, 2, 3);
 
-static const double q[4] = {1e-2, 1e-2, 1e-6, 1e-7}, p[4] = {3e3, 1e2, 0.1, 0.01}, r[4] = {0.02, 1e-2, 1e-4, 1e-3}, start_at[4] = {2e3, 10.0, 1e-2, 1e-3};
+static const double q[4] = {1e-2, 1e-2, 1e-6, 1e-7}, p[4] = {3e3, 1e2, 0.1, 0.01}, r[4] = {0.02, 1e-2, 1e-4, 1e-3};
+static const double start_at[4] = {2e3, 10.0, 1e-2, 1e-3};
 
 /* e' P^-1 e */
 static double consistency(const double *L, const double *e) {

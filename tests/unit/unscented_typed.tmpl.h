@@ -12,7 +12,8 @@ static void OWN(_typed)(void **unused) {
         generator_t g = {(uint64_t)kind * 31 + N};
         bent_t motion = {N, N, 0}, sensors[SLOTS];
         TYPE(mk_sensor) sensor[SLOTS];
-        REAL Q[MK_PACKED(N)] = {0}, P0[MK_PACKED(N)] = {0}, x0[N], R[SLOTS][MK_PACKED(M)] = {{0}}, single[M], together[M * SLOTS], z[M], s[N], S[MK_PACKED(N)];
+        REAL Q[MK_PACKED(N)] = {0}, P0[MK_PACKED(N)] = {0}, x0[N], R[SLOTS][MK_PACKED(M)] = {{0}}, single[M], together[M * SLOTS];
+        REAL z[M], s[N], S[MK_PACKED(N)];
         const TYPE(mk_gate) gate = {single, together, 2, (uint8_t)(kind % 2)};
         const TYPE(mk_transform) cubature = MK_TRANSFORM_CUBATURE(N), scaled = MK_TRANSFORM_SCALED(N, (REAL)0.5, (REAL)2.0, (REAL)1.0);
         TYPE(mk_unscented_config) config;
