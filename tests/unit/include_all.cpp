@@ -127,11 +127,6 @@ template <typename T> mk_status_t first(const void *, T, int count, const T *x, 
         return good && name##_average(&c, mean) == MK_ERROR_ORDER;                                                             \
     }()
 
-template <typename T> mk_status_t first(const void *, T, int count, const T *x, T *z) {
-    for (int i = 0; i < count; i++) z[i] = x[2 * i];
-    return MK_OK;
-}
-
 #define DUIF(name, real)                                                                                                       \
     [] {                                                                                                                       \
         static constants<mk_##real##_t> k;                                                                                     \
