@@ -2,32 +2,54 @@
 /* Lower triangular factors L of covariances P = L L', packed by rows: made, solved with, and multiplied from the right by what an update does to
    them, so that P is never formed and cannot lose its definiteness. */
 
-/* Packed S := L with S = L L', positive semidefinite: what rounding has left of a zero pivot becomes zero, and so its column, if that can be
-   rounding, too. Returns 1, or 0 if S is indefinite or not finite; S is spoilt then. */
+/* Packed S := L with S = L L'. Returns 1, or 0 if S is not positive definite, as far as rounding lets that be told, or not finite; S is spoilt then. */
 MK_KERNEL int MK_F(mk_cholesky)(int n, MK_REAL *S) {
-    int good = 1;
     for (int i = 0; i < n; i++) {
         const MK_REAL diagonal = S[MK_AT(i, i)], slack = MK_R(8.0) * MK_EPSILON * (MK_REAL)n * diagonal;
         MK_REAL pivot = diagonal;
         for (int j = 0; j < i; j++) {
             MK_REAL sum = S[MK_AT(i, j)];
             for (int k = 0; k < j; k++) sum -= S[MK_AT(i, k)] * S[MK_AT(j, k)];
-            const MK_REAL root = S[MK_AT(j, j)];
-            /* A zero column of a semidefinite matrix: what is left of it squared is below the pivots of both rows. */
-            if (root > MK_R(0.0)) S[MK_AT(i, j)] = sum / root;
-            else {
-                good &= sum * sum <= MK_R(64.0) * MK_EPSILON * (MK_REAL)n * diagonal * -root;
-                S[MK_AT(i, j)] = MK_R(0.0);
-            }
+            S[MK_AT(i, j)] = sum / S[MK_AT(j, j)];
             pivot -= S[MK_AT(i, j)] * S[MK_AT(i, j)];
         }
-        good &= pivot >= -slack && diagonal <= MK_LARGEST;
-        /* The diagonal element of a column that is zero waits as its negative for the rows below. */
-        S[MK_AT(i, i)] = pivot > slack ? MK_F(mk_sqrt)(pivot) : -diagonal;
+        if (!(pivot > slack && diagonal <= MK_LARGEST)) return 0;
+        S[MK_AT(i, i)] = MK_F(mk_sqrt)(pivot);
     }
+    return 1;
+}
+
+/* G (n x n, rows `stride` apart) with G G' = S, packed and positive semidefinite. The pivot that is largest by its own diagonal element comes first,
+   so that what is left at the end is rounding whatever the rank (in the order of rows, a small pivot that is rounding itself would spoil what
+   follows). Returns 1, or 0 if S is indefinite or not finite. S and d, n numbers, are spoilt. */
+static int MK_F(mk_semidefinite_root)(int n, MK_REAL *S, MK_REAL *d, MK_REAL *G, int stride) {
+    const MK_REAL slack = MK_R(8.0) * MK_EPSILON * (MK_REAL)n;
+    for (int i = 0; i < n; i++) {
+        d[i] = S[MK_AT(i, i)];
+        if (!(d[i] >= MK_R(0.0) && d[i] <= MK_LARGEST)) return 0;
+    }
+    for (int k = 0; k < n; k++) {
+        int p = -1;
+        MK_REAL most = slack;
+        for (int i = 0; i < n; i++) {
+            const MK_REAL ratio = d[i] > MK_R(0.0) ? S[MK_AT(i, i)] / d[i] : MK_R(0.0);
+            if (ratio > most) {
+                most = ratio;
+                p = i;
+            }
+        }
+        const MK_REAL root = p < 0 ? MK_R(1.0) : MK_F(mk_sqrt)(S[MK_AT(p, p)]);
+        for (int i = 0; i < n; i++) G[i * stride + k] = p < 0 ? MK_R(0.0) : S[MK_PLACE(i, p)] / root;
+        for (int i = 0; i < n && p >= 0; i++)
+            for (int j = 0; j <= i; j++) S[MK_AT(i, j)] = i == p || j == p ? MK_R(0.0) : S[MK_AT(i, j)] - G[i * stride + k] * G[j * stride + k];
+    }
+    for (int i = 0; i < n; i++) d[i] = MK_F(mk_sqrt)(d[i]);
     for (int i = 0; i < n; i++)
-        if (!(S[MK_AT(i, i)] > MK_R(0.0))) S[MK_AT(i, i)] = MK_R(0.0);
-    return good;
+        for (int j = 0; j <= i; j++) {
+            const MK_REAL bound = MK_R(2.0) * slack * d[i] * d[j];
+            if (!(S[MK_AT(i, j)] >= -bound && S[MK_AT(i, j)] <= bound)) return 0;
+        }
+    return 1;
 }
 
 /* L L' := A A', A n x columns in row order, columns >= n: Householder reflections from the right. A is spoilt; the diagonal of L is not negative. */

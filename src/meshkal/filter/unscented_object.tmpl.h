@@ -5,7 +5,7 @@
 static mk_status_t MK_F(mk_factor)(int n, const MK_REAL *S, MK_REAL *L) {
     if (!MK_F(mk_all_finite)(MK_AT(n, 0), S)) return MK_ERROR_NOT_FINITE;
     for (int i = 0; i < MK_AT(n, 0); i++) L[i] = S[i];
-    return MK_F(mk_cholesky)(n, L) && MK_F(mk_is_factor)(n, L) ? MK_OK : MK_ERROR_NOT_POSITIVE_DEFINITE;
+    return MK_F(mk_cholesky)(n, L) ? MK_OK : MK_ERROR_NOT_POSITIVE_DEFINITE;
 }
 
 static mk_status_t MK_F(mk_unscented_check)(int n, int m, int slots, const MK_F_T(mk_unscented_config) * config, MK_REAL *work) {
@@ -22,8 +22,9 @@ static mk_status_t MK_F(mk_unscented_check)(int n, int m, int slots, const MK_F_
     if (g->A && !MK_F(mk_all_finite)(n * n, g->A)) return MK_ERROR_NOT_FINITE;
     if (g->Q) {
         if (!MK_F(mk_all_finite)(MK_AT(n, 0), g->Q)) return MK_ERROR_NOT_FINITE;
+        MK_REAL *const d = work + MK_AT(n, 0);
         for (int i = 0; i < MK_AT(n, 0); i++) work[i] = g->Q[i];
-        if (!MK_F(mk_cholesky)(n, work)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+        if (!MK_F(mk_semidefinite_root)(n, work, d, d + n, n)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
     }
     for (int l = 0; l < slots; l++) {
         const MK_F_T(mk_sensor) *const sensor = config->sensor + l;
@@ -32,7 +33,7 @@ static mk_status_t MK_F(mk_unscented_check)(int n, int m, int slots, const MK_F_
         const mk_status_t status = MK_F(mk_factor)(sensor->rows, sensor->R, work);
         if (status != MK_OK) return status;
     }
-    return MK_OK;
+    return config->gate ? MK_F(mk_gate_check)(config->gate, m, m * slots) : MK_OK;
 }
 
 static mk_status_t MK_F(mk_unscented_reset)(int n, int slots, const MK_F_T(mk_unscented_view) * view, const MK_REAL *x0, const MK_REAL *P0) {

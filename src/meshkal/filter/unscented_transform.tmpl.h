@@ -171,11 +171,8 @@ mk_status_t MK_F(mk_unscented_predict)(int n, const MK_F_T(mk_unscented_view) * 
     if (status != MK_OK) return status;
     for (int i = 0; i < packed; i++) L[i] = Q[i];
     if (!MK_F(mk_all_finite)(packed, L)) return MK_ERROR_NOT_FINITE;
-    if (!MK_F(mk_cholesky)(n, L)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
-    for (int i = 0; i < n; i++) {
-        for (int j = 0; j < n; j++) G[i * columns + last + j] = j <= i ? L[MK_AT(i, j)] : MK_R(0.0);
-        if (columns > 2 * n) G[i * columns + 3 * n] = sign > 0 ? extra[i] : MK_R(0.0);
-    }
+    if (!MK_F(mk_semidefinite_root)(n, L, work.a, G + last, columns)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    for (int i = 0; i < n && columns > 2 * n; i++) G[i * columns + 3 * n] = sign > 0 ? extra[i] : MK_R(0.0);
     MK_F(mk_triangularise)(n, columns, G, L);
     if (!MK_F(mk_all_finite)(packed, L) || !MK_F(mk_all_finite)(n, x)) return MK_ERROR_NOT_FINITE;
     if (!MK_F(mk_is_factor)(n, L) || (sign < 0 && !MK_F(mk_downdate)(n, L, extra, G))) return MK_ERROR_NOT_POSITIVE_DEFINITE;
