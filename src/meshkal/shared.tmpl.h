@@ -2,10 +2,8 @@
 /* All that is compiled once in one precision, lowest layer first. */
 #include "real.h"
 #include "algebra/gamma_shared.tmpl.h"
-#include "algebra/triangular.tmpl.h"
 #include "filter/rkfd_object.tmpl.h"
 #include "filter/gate.tmpl.h"
-#include "filter/unscented_transform.tmpl.h"
 #include "filter/unscented_update.tmpl.h"
 #include "filter/unscented_object.tmpl.h"
 #include "network/numbers.tmpl.h"

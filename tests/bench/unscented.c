@@ -177,7 +177,7 @@ static int run_all(const scene_t *scenes, int count, FILE *json, int rounds) {
                     printf("---|\n");
                 }
                 printf("| %s, %d | %s | float%d |", scenes[s].name, scenes[s].n, filters[filter], bits);
-                for (int k = 0; k < 3; k++) {
+                for (int k = 0; k < 5; k++) {
                     if (k < found) printf(" %.0f | %.2f |", entries[k].median, entries[k].median / entries[0].median);
                     else printf(" | |");
                 }

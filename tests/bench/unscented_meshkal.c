@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* Meshkal's unscented and extended filters behind the interface of unscented.h. */
-#include <meshkal/unscented.h>
+#include <meshkal/unrolled.h>
 
 #include "unscented.h"
 
@@ -36,7 +36,8 @@
 #define ROWS(title, name) ROW(title, name##4, 4, 32), ROW(title, name##4, 4, 64), ROW(title, name##6, 6, 32), ROW(title, name##6, 6, 64)
 
 const contender_t *scene_meshkal(int *count) {
-    static const contender_t all[] = {ROWS("Meshkal, three sensors", split), ROWS("Meshkal, one sensor of three rows", joint)};
+    static const contender_t all[] = {ROWS("Meshkal unrolled", unrolled), ROWS("Meshkal unrolled, one sensor", unrolled_joint), ROWS("Meshkal shared", split),
+                                      ROWS("Meshkal shared, one sensor", joint)};
     *count = (int)(sizeof all / sizeof *all);
     return all;
 }

@@ -125,8 +125,8 @@ static void NAME(give)(const scene_t *scene, int filter, int slots, NAME(given) 
     c->rule = update[filter] == MK_UPDATE_PROGRESSIVE ? MK_RULE_INNOVATION : MK_RULE_NONE;
 }
 
-#define FILTER_(name, real, states, rows, slots)                                                             \
-    MK_UNSCENTED(name, real, states, rows, slots);                                                           \
+#define FILTER_(declare, name, real, states, rows, slots)                                                    \
+    declare(name, real, states, rows, slots);                                                                \
     static name##_t name##_one;                                                                              \
     static NAME(given) name##_given;                                                                         \
     static int name##_begin(const scene_t *scene, int filter) {                                              \
@@ -151,9 +151,13 @@ static void NAME(give)(const scene_t *scene, int filter, int slots, NAME(given) 
         for (int i = 0; i < MK_PACKED(states); i++) P[i] = (double)packed[i];                                \
     }
 #undef FILTER
-#define FILTER(name, real, states, rows, slots) FILTER_(name, real, states, rows, slots)
-FILTER(NAME(split4), KIND, 4, 1, 3)
-FILTER(NAME(joint4), KIND, 4, 3, 1)
-FILTER(NAME(split6), KIND, 6, 1, 3)
-FILTER(NAME(joint6), KIND, 6, 3, 1)
+#define FILTER(declare, name, real, states, rows, slots) FILTER_(declare, name, real, states, rows, slots)
+FILTER(MK_UNSCENTED_UNROLLED, NAME(unrolled4), KIND, 4, 1, 3)
+FILTER(MK_UNSCENTED_UNROLLED, NAME(unrolled_joint4), KIND, 4, 3, 1)
+FILTER(MK_UNSCENTED, NAME(split4), KIND, 4, 1, 3)
+FILTER(MK_UNSCENTED, NAME(joint4), KIND, 4, 3, 1)
+FILTER(MK_UNSCENTED_UNROLLED, NAME(unrolled6), KIND, 6, 1, 3)
+FILTER(MK_UNSCENTED_UNROLLED, NAME(unrolled_joint6), KIND, 6, 3, 1)
+FILTER(MK_UNSCENTED, NAME(split6), KIND, 6, 1, 3)
+FILTER(MK_UNSCENTED, NAME(joint6), KIND, 6, 3, 1)
 #undef FILTER_
