@@ -96,6 +96,14 @@
    the time of an update compiled for these very dimensions. */
 #define MK_UNSCENTED_UNROLLED(name, real, n, m, slots) MK_UNSCENTED_TYPE(name, real, n, m, slots, MK_UNSCENTED_UNROLLED_STEP)
 
+/* Where speed counts more than size, a copy for the usual case that all readings have come. */
+#ifdef MK_VECTOR_BYTES
+#define MK_UNSCENTED_WHOLE(real, n, most) \
+    if (rows == (most) && L && (most) <= 4) return mk_inline_absorb_##real(n, u, 0, most, scale, L, x);
+#else
+#define MK_UNSCENTED_WHOLE(real, n, most)
+#endif
+
 #define MK_UNSCENTED_UNROLLED_STEP(name, real, n, m, slot_count)                                                              \
     MK_NOINLINE mk_status_t name##_predict(name##_t *f, mk_##real##_t dt, const mk_##real##_t *Q) {                           \
         mk_##real##_t work[2 * (n) * (2 * (n) + 1)], rest[4 * (n)];                                                           \
@@ -107,7 +115,8 @@
     }                                                                                                                         \
     MK_NOINLINE mk_##real##_t name##_absorb(mk_updating_##real##_t *u, int first, int rows, mk_##real##_t scale,              \
                                             mk_##real##_t *L, mk_##real##_t *x) {                                             \
-        return mk_inline_absorb_##real(n, u, first, (m) * (slot_count) == 1 ? 1 : rows, scale, L, x);                         \
+        MK_UNSCENTED_WHOLE(real, n, (m) * (slot_count))                                                                       \
+        return mk_inline_absorb_##real(n, u, first, rows, scale, L, x);                                                       \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_update(name##_t *f) {                                                                        \
         static const mk_unscented_kernels_##real##_t kernels = {name##_stack, name##_absorb};                                 \

@@ -30,29 +30,25 @@ MK_KERNEL int MK_F(mk_cholesky)(int n, MK_REAL *S) {
     return good;
 }
 
-/* L L' := sum over columns a of a a'; A holds them one after another, n numbers each, columns >= n. Householder reflections mix the columns; each
-   number of w = sum a_i a, from which norm and factors follow, is a sum of its own, so that vector units may take them together. A is spoilt; the
-   diagonal of L is not negative. work: n numbers. */
-MK_KERNEL void MK_F(mk_triangularise)(int n, int columns, MK_REAL *A, MK_REAL *L, MK_REAL *work) {
+/* L L' := sum over columns a of a a'; A holds them one after another, n numbers each: `full` ones, at least 1, and those of a lower triangular matrix, of
+   which the first i are not zero in row i and above. Householder reflections mix the columns; each number of w = sum a_i a, from which norm and factors
+   follow, is a sum of its own, so that vector units may take them together. A is spoilt; the diagonal of L is not negative. work: n numbers. */
+MK_KERNEL void MK_F(mk_triangularise)(int n, int full, MK_REAL *MK_RESTRICT A, MK_REAL *MK_RESTRICT L, MK_REAL *MK_RESTRICT work) {
     MK_UNROLL for (int i = 0; i < n; i++) {
         MK_REAL *const head = A + i * n;
-        const int from = MK_LANES_FROM(i), count = n - from;
+        const int from = MK_LANES_FROM(i), count = n - from, columns = full + i + 1;
         MK_F(mk_row_scale)(count, head[i], head + from, work + from);
-        MK_UNROLL_ALL for (int k = i + 1; k < columns; k++) MK_F(mk_row_add)(count, A[k * n + i], A + k * n + from, work + from);
-        MK_F(mk_row_join)(count, work + from);
+        for (int k = i + 1; k < columns; k++) MK_F(mk_row_add)(count, A[k * n + i], A + k * n + from, work + from);
         const MK_REAL norm = MK_F(mk_sqrt)(work[i]);
         const MK_REAL sign = head[i] > MK_R(0.0) ? MK_R(-1.0) : MK_R(1.0); /* of what the reflection makes of head[i]: no cancellation */
         const MK_REAL v = head[i] - sign * norm, half = norm * (v < MK_R(0.0) ? -v : v); /* v'v / 2 */
         const MK_REAL inverse = half >= MK_SMALLEST ? MK_R(1.0) / half : MK_R(0.0);
+        MK_F(mk_row_step)(count, sign * norm, head + from, inverse, work + from);
         L[MK_AT(i, i)] = norm;
-        MK_UNROLL for (int r = i + 1; r < n; r++) {
-            work[r] = (work[r] - sign * norm * head[r]) * inverse;
-            L[MK_AT(r, i)] = sign * (head[r] - work[r] * v);
-        }
+        MK_UNROLL for (int r = i + 1; r < n; r++) L[MK_AT(r, i)] = sign * (head[r] - work[r] * v);
         if (i + 1 < n) {
             const int next = MK_LANES_FROM(i + 1);
-            MK_F(mk_row_join)(n - next, work + next);
-            MK_UNROLL_ALL for (int k = i + 1; k < columns; k++) MK_F(mk_row_subtract)(n - next, A[k * n + i], work + next, A + k * n + next);
+            for (int k = i + 1; k < columns; k++) MK_F(mk_row_subtract)(n - next, A[k * n + i], work + next, A + k * n + next);
         }
     }
 }

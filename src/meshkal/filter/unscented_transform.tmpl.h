@@ -165,10 +165,10 @@ MK_KERNEL mk_status_t MK_F(mk_inline_unscented_predict)(int n, const MK_F_T(mk_u
     const MK_F_T(mk_linear) out = {D, V, rest, rest + n, 1, n};
     mk_status_t status = MK_OK;
     MK_REAL *G = D;
-    int sign = 0, columns = 3 * n;
+    int sign = 0, full = 2 * n;
     if (linear || extended) {
         G = V;
-        columns = 2 * n;
+        full = n;
         const MK_F_T(mk_linear) straight = {V, D, rest, rest + n, 1, n};
         if (linear) MK_F(mk_apply)(n, config->transition.A, view->x, view->L, &straight, x);
         else status = MK_F(mk_extend)(n, n, model, dt, view->x, view->L, points, &straight, x);
@@ -179,7 +179,7 @@ MK_KERNEL mk_status_t MK_F(mk_inline_unscented_predict)(int n, const MK_F_T(mk_u
         if (status == MK_OK) sign = MK_F(mk_residual_columns)(n, &config->transform, &out, model->space && model->space->mean, extra);
         if (sign > 0) {
             G = extra;
-            columns++;
+            full++;
         }
     }
     if (status != MK_OK) return status;
@@ -189,7 +189,7 @@ MK_KERNEL mk_status_t MK_F(mk_inline_unscented_predict)(int n, const MK_F_T(mk_u
     MK_UNROLL for (int j = 0; j < n; j++) {
         MK_UNROLL for (int i = 0; i < n; i++) points[j * n + i] = i < j ? MK_R(0.0) : L[MK_AT(i, j)];
     }
-    MK_F(mk_triangularise)(n, columns, G, L, rest);
+    MK_F(mk_triangularise)(n, full, G, L, rest);
     if (!MK_F(mk_all_finite)(packed, L) || !MK_F(mk_all_finite)(n, x)) return MK_ERROR_NOT_FINITE;
     if (!MK_F(mk_is_factor)(n, L) || (sign < 0 && !MK_F(mk_downdate)(n, L, extra, rest))) return MK_ERROR_NOT_POSITIVE_DEFINITE;
     MK_F(mk_packed_copy)(n, L, view->L);
