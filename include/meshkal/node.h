@@ -35,23 +35,13 @@
 #define MESHKAL_NODE_H
 
 #include <meshkal/frame.h>
+#include <meshkal/gate.h>
 #include <meshkal/record.h>
 #include <meshkal/rkfd.h>
 
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-/* Authenticated frames. Caller's memory: name_secure_t of a typed node holds it all. The key is in aead->context. A sequence number
-   must never be used twice with one key: give every start a higher one than any before, for example the count of boots in the upper
-   32 bits. At 2^64 - 1 they are used up, and nothing is sent any more. */
-typedef struct {
-    const mk_aead_t *aead;
-    uint64_t sequence;   /* of the next frame that is sent */
-    mk_replay_t *window; /* slots */
-    uint8_t *text;       /* room for a payload */
-    uint16_t capacity;   /* its bytes */
-} mk_secure_t;
 
 /* Numbers of the largest payload: an estimate, or a reading with its model. */
 #define MK_NODE_NUMBERS(n, m) ((m) * ((n) + 1) > (n) ? (m) * ((n) + 1) : (n))
@@ -77,6 +67,7 @@ typedef struct {
         const mk_##real##_t *reading; /* slots: thresholds, for example a quantile of chi-square with rows degrees; 0: none */ \
         mk_##real##_t estimate;       /* 0: none */                                                                           \
         uint16_t patience;            /* 0: no way back but restart */                                                        \
+        mk_gate_record_##real##_t *record; /* slots: what the gate says of each reading (meshkal/gate.h), in RAM; null: nothing */ \
     } mk_node_gate_##real##_t;                                                                                                \
                                                                                                                               \
     /* Neighbours whose C and R are not in the configuration and come with every reading. Their part of the filter's arrays is \

@@ -59,7 +59,8 @@ mk_status_t mk_motion_check(const mk_motion_t *motion, int reads);
  *                                          the cancellation that a difference of two large ranges would have
  * MK_ERROR_DOMAIN at r = 0: bearing, range_rate and every Jacobian; bearing rows in 3 dimensions on the whole vertical through the
  * sensor; the Jacobian of tdoa at either place. Zero is a distance whose square is below the smallest normal number: 1.1e-19 m
- * (float32), 1.5e-154 m (float64). MK_ERROR_NOT_FINITE: NaN, or a distance whose square overflows: above 1.8e19 m or 1.3e154 m.
+ * (float32), 1.5e-154 m (float64). MK_ERROR_NOT_FINITE: a position that is not finite, or a distance whose square overflows: above
+ * 1.8e19 m or 1.3e154 m. A velocity that is not finite, or overflows, gives results that are not.
  */
 #define MK_DECLARE_TRACKING_MODEL(name, real)                                                                                 \
     mk_status_t mk_##name##_##real(const void *context, mk_##real##_t dt, int count, const mk_##real##_t *x, mk_##real##_t *y); \

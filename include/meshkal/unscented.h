@@ -146,7 +146,8 @@ MK_DECLARE_UNSCENTED_CORE(f64)
 /*
  * The typed functions; T is mk_<real>_t.
  *
- * name_start(f, config)        x0, P0, no readings. ARGUMENT, SHAPE, NOT_FINITE, NOT_POSITIVE_DEFINITE (P0, Q or some R).
+ * name_start(f, config)        x0, P0, no readings. ARGUMENT, SHAPE, NOT_FINITE, NOT_POSITIVE_DEFINITE (P0, Q or some R); also of the gate's
+ *                              thresholds, which are not negative.
  * name_restart(f, x0, P0)      the same with other values; readings that wait are dropped, counters stay.
  * name_predict(f, dt, Q)       one prediction over dt seconds (> 0, or 0); Q packed, null: the configuration's. ORDER (before start), ARGUMENT,
  *                              NOT_FINITE, NOT_POSITIVE_DEFINITE (Q, or what is predicted), what the model's function returned.

@@ -27,6 +27,9 @@ extern "C" {
 /* Out of line in libmeshkal.a, for what steps do rarely. Is S positive definite: work MK_PACKED(n) numbers. */
 int mk_positive_definite_f32(int n, const float *S, float *work);
 int mk_positive_definite_f64(int n, const double *S, double *work);
+/* Root of a covariance that may be singular: filter/unscented_object.tmpl.h. */
+int mk_semidefinite_root_f32(int n, float *S, float *d, float *G);
+int mk_semidefinite_root_f64(int n, double *S, double *d, double *G);
 /* mk_gamma_root for P that is known to be positive definite. */
 int mk_gamma_search_f32(int n, const float *P, float c, float *theta, float *work);
 int mk_gamma_search_f64(int n, const double *P, double c, double *theta, double *work);

@@ -1,18 +1,24 @@
 /* SPDX-License-Identifier: MIT */
 /* The shared build: every function of the public headers, with dimensions known at run time and loops kept. */
 #define MK_ROLLED
+#include <meshkal/angle.h>
+#include <meshkal/duif.h>
 #include <meshkal/kernels.h>
 #include <meshkal/node.h>
 #include <meshkal/quantile.h>
+#include <meshkal/tracking.h>
 #include <meshkal/unscented.h>
 
 /* Times that an iterated filter halves its step. */
 #define MK_HALVINGS 4
 
+#include "models/motion.h"
 #include "network/frame.h"
+#include "network/link.h"
 #include "network/numbers.h"
 #include "node/blob.h"
 #include "node/record.h"
+#include "statistics/quantile.h"
 
 const char *mk_status_name(mk_status_t status) {
     switch (status) {

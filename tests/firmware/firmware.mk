@@ -104,7 +104,7 @@ $(eval $(call FIRMWARE_TEST,startup,below-ram,99,fault: ))
 
 # The library's test vectors: the host's program writes what it found, the image reads that and finds the same.
 # Both builds of the host must agree, one of them with the sanitizers.
-FIRMWARE_VECTORS_SOURCES := tests/firmware/vectors_write.c tests/firmware/vectors.c src/meshkal/meshkal.c
+FIRMWARE_VECTORS_SOURCES := tests/firmware/vectors_write.c tests/firmware/vectors.c tests/firmware/vectors_models.c src/meshkal/meshkal.c
 define FIRMWARE_VECTORS
 $(FIRMWARE)/vectors_write-$(1) $(FIRMWARE)/vectors_write-$(1)-sanitize: $(FIRMWARE_VECTORS_SOURCES) tests/firmware/vectors.h \
 		$(wildcard include/meshkal/*.h src/meshkal/*.h src/meshkal/*/*.h) Makefile | $(SETUP)
@@ -118,7 +118,7 @@ $(FIRMWARE)/vectors-f$(1)-altered.bin: $(FIRMWARE)/vectors-f$(1).bin
 FIRMWARE_DATA += $(FIRMWARE)/vectors-f$(1).bin $(FIRMWARE)/vectors-f$(1)-altered.bin
 endef
 $(foreach b,32 64,$(eval $(call FIRMWARE_VECTORS,$(b)))\
-  $(eval $(call FIRMWARE_IMAGE,vectors-f$(b),tests/firmware/vectors.c tests/firmware/vectors_compare.c,-DVECTOR_BITS=$(b)))\
+  $(eval $(call FIRMWARE_IMAGE,vectors-f$(b),tests/firmware/vectors.c tests/firmware/vectors_models.c tests/firmware/vectors_compare.c,-DVECTOR_BITS=$(b)))\
   $(eval $(call FIRMWARE_TEST,vectors-f$(b),$(FIRMWARE)/vectors-f$(b).bin,0,words agree))\
   $(eval $(call FIRMWARE_TEST,vectors-f$(b),$(FIRMWARE)/vectors-f$(b)-altered.bin,1,differs)))
 

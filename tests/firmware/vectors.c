@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include <meshkal/gamma.h>
+#include <meshkal/quantile.h>
 
 enum { N = 9, M = 3, SLOTS = 4, STEPS = 6 };
 /* Largest products over the dimensions below: slots * m * n, slots * packed n. */
@@ -346,6 +347,34 @@ static void filter_vectors(void) {
     for (int i = 0; i < 10; i++) filter_failure(i);
 }
 
+/* --- quantiles: double only, and not in the image that promises single precision ------------------------------------------ */
+
+#if MK_BITS == 64
+static void quantile_vectors(void) {
+    /* Every method: below, about and beyond the change from few degrees to many; near the middle and far from it. */
+    static const double degrees[] = {0.5, 1.0, 2.0, 3.0, 9.5, 119.0, 130.0, 5000.25, 1e6};
+    for (int i = 0; i < 9; i++) {
+        vector_begin("quantile", 0, 0, 0, i);
+        for (int j = 0; j < 8; j++) {
+            double p = 0.5 + 0.5 * draw();
+            /* Not near 2^-33: there libgcc's 1 - p differs on Cortex-M4F and M33. */
+            if (j > 3) p = p * power(-40 * (j - 3));
+            const double tails[2] = {p, 1.0 - p};
+            double x[4], again[4];
+            for (int k = 0; k < 2; k++) {
+                x[k] = mk_chi2_quantile(tails[k], degrees[i]);
+                x[2 + k] = mk_student_quantile(tails[k], degrees[i]);
+                again[k] = mk_chi2_tail(x[k], degrees[i]);
+                again[2 + k] = mk_student_tail(x[2 + k], degrees[i]);
+            }
+            vector_numbers("tail", 1, tails);
+            vector_numbers("quantiles", 4, x);
+            vector_numbers("their tails", 4, again);
+        }
+    }
+}
+#endif
+
 void vectors_run(vectors_kernels_t chosen) {
     kernels = chosen;
     state = 20250117;
@@ -360,4 +389,8 @@ void vectors_run(vectors_kernels_t chosen) {
         sensor_vectors();
         filter_vectors();
     }
+    vectors_models(draw);
+#if MK_BITS == 64
+    quantile_vectors();
+#endif
 }

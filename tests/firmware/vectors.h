@@ -19,6 +19,9 @@ typedef enum { VECTORS_SHARED, VECTORS_UNROLLED } vectors_kernels_t;
 /* All vectors, through the kernels of the library or those unrolled for the vectors' dimensions: both must tell the same. */
 void vectors_run(vectors_kernels_t kernels);
 
+/* Its part for meshkal/angle.h and meshkal/tracking.h. draw: the next number in [-1, 1). */
+void vectors_models(MK_REAL (*draw)(void));
+
 /* Given by the program. What follows belongs to this vector: what it does, the dimensions, its number among those of that name. */
 void vector_begin(const char *name, int n, int m, int slots, int number);
 void vector_numbers(const char *what, int count, const MK_REAL *values);

@@ -16,7 +16,7 @@ class Mismatch(ctypes.Structure):
 
 @pytest.fixture(scope="module")
 def lib(shared):
-    library = shared("tools/meshkal/fit/mismatch.c", "port/host/distributions.c", "port/host/error.c")
+    library = shared("tools/meshkal/fit/mismatch.c", "port/host/distributions.c", "port/host/error.c", "src/meshkal/meshkal.c")
     library.mk_mismatch_test.restype = library.mk_long_run.restype = ctypes.c_double
     return library
 

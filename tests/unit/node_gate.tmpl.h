@@ -49,9 +49,12 @@ static void V(thresholds)(void **unused) {
     (void)unused;
     static V(bench_t) b;
     generator_t g = {11};
-    uint32_t all = 0, close = 0;
+    uint32_t all = 0, close = 0, expected[SLOTS] = {0};
+    MK_T(mk_gate_record) record[SLOTS];
+    memset(record, 0, sizeof record);
     V(bench_make)(&b, 10, 11, 12, 13);
     b.config.gate = &b.gate;
+    b.gate.record = record;
     assert_int_equal(UNIT(start)(&b.node, &b.config), MK_OK);
     for (uint32_t t = 0; t < 300; t++) {
         unsigned refused = 0, used = 0, none = 0;
@@ -76,15 +79,17 @@ static void V(thresholds)(void **unused) {
             else V(reading)(&b, l, t, y, MK_OK);
             const int over = limit > 0.0 && distance > limit;
             if (side == 3 && fabs(distance / limit - 1.0) < NEAR) b.threshold[l] = (REAL)0.0, used++;
-            else refused += (unsigned)over, used += (unsigned)!over;
+            else refused += (unsigned)over, used += (unsigned)!over, expected[l] += (uint32_t)over;
         }
         all += refused;
         assert_int_equal(UNIT(incremental)(&b.node), MK_OK);
         assert_int_equal(b.node.filter.core.measurements, used);
         assert_int_equal(b.node.node.gated, refused);
         assert_int_equal(b.node.node.counts[MK_ERROR_GATED], all);
+        for (int l = 0; l < SLOTS; l++) assert_int_equal(record[l].rejected, expected[l]);
         assert_int_equal(UNIT(diffuse)(&b.node), MK_OK);
     }
+    for (int l = 0; l < SLOTS; l++) assert_true(record[l].accepted > 50 && record[l].inflated == 0);
     assert_true(all > 200 && close > 300);
     assert_int_equal(b.node.node.reinitialised, 0);
 }

@@ -3,10 +3,10 @@
 
 #include <math.h>
 #include <meshkal/inline.h>
+#include <meshkal/quantile.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "distributions.h"
 #include "host_node.h"
 #include "scenario_read.h"
 

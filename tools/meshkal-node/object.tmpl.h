@@ -17,7 +17,7 @@ static void MK_F(put_gate)(MK_F(object) * o, const mk_object_facts_t *facts) {
     if (!(facts->gate_reading > 0.0) && !(facts->gate_estimate > 0.0)) return;
     o->threshold = mk_allocate((size_t)o->slots, sizeof *o->threshold);
     for (int l = 0; facts->gate_reading > 0.0 && l < o->slots; l++)
-        o->threshold[l] = (MK_REAL)mk_chi_square_quantile(facts->gate_reading, o->config.filter.rows[l]);
+        o->threshold[l] = (MK_REAL)mk_chi2_quantile(1.0 - facts->gate_reading, o->config.filter.rows[l]);
     o->gate.reading = o->threshold;
     o->gate.estimate = (MK_REAL)facts->gate_estimate;
     o->gate.patience = (uint16_t)facts->patience;

@@ -18,7 +18,14 @@ static const char design_help[] =
     "    --c-max none|central|all   guaranteed tolerances (default: all up to 200 nodes, else central)\n"
     "    --covariances        P and V of every node into the JSON file, above 10 000 nodes, too\n"
     "    --threads N          (default: all cores)\n"
-    "    --allow-unobservable     go on when a node does not see all states\n";
+    "    --allow-unobservable     go on when a node does not see all states\n"
+    "of a scenario that tracks a target: convergence and speed of consensus on its graph, observability along a trajectory\n"
+    "    --json --threads --allow-unobservable    as above; the last: exit status 0 though the network cannot work\n"
+    "    --truth FILE.csv     along this one, columns t,state,value, instead of the mean trajectory from x0\n"
+    "    --window W           steps over which information is collected (default 10)\n"
+    "    --condition LIMIT    of the information's condition number, for warnings (default 1e6)\n"
+    "    --runs M             drawn trajectories, in which sensors in range are counted (default 100, fewer if they are long)\n"
+    "    --models FILE.so     own models (port/host/meshkal/plugin.h)\n";
 
 static const char simulate_help[] =
     "meshkal simulate SCENARIO.json [options]    run the node code as a network\n"
@@ -61,7 +68,20 @@ static const char fit_help[] =
 static const char scenario_help[] =
     "meshkal scenario projectile [options]       a random draw of the published example, to standard output\n"
     "    --nodes N --seed S   (default 20 nodes, seed 1)\n"
-    "    --density D          mean number of neighbours, the node itself included (default 5)\n";
+    "    --density D          mean number of neighbours, the node itself included (default 5)\n"
+    "meshkal scenario incomplete-measurements    a target and three ranges that fail, as published; to standard output\n"
+    "meshkal scenario distributed-unscented      a target and three linked ranges, as published; to standard output\n"
+    "    --range-limit R      metres that its sensors reach (default: all)\n"
+    "    Both: --seed S\n";
+
+static const char draw_help[] =
+    "meshkal draw SCENARIO.json [options]        truth and readings of one run of a tracking scenario, as CSV files\n"
+    "    --measurements FILE.csv  columns t,node,row,value, t in seconds\n"
+    "    --truth FILE.csv     columns t,state,value\n"
+    "    --steps T --seed S   instead of the scenario's\n"
+    "    --run R              number of the run, from 0 (default 0)\n"
+    "    --models FILE.so     own models, see meshkal/plugin.h\n"
+    "    --json FILE          initial estimate, counts and faults for programs\n";
 
 static const char replay_help[] =
     "meshkal replay RECORD [options]             run a node again from its record and compare every bit\n"
@@ -84,6 +104,7 @@ static const struct {
     {"analyze", analyze_help, mk_command_analyze},
     {"fit", fit_help, mk_command_fit},
     {"scenario", scenario_help, mk_command_scenario},
+    {"draw", draw_help, mk_command_draw},
     {"replay", replay_help, mk_command_replay},
 };
 enum { COMMANDS = sizeof command / sizeof command[0] };

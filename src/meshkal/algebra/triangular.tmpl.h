@@ -2,41 +2,30 @@
 /* Lower triangular factors L of covariances P = L L', packed by rows: made, solved with, and multiplied from the right by what an update does to
    them, so that P is never formed and cannot lose its definiteness. */
 
-/* Packed S := L with S = L L', positive semidefinite: what rounding has left of a zero pivot becomes zero, and so its column, if that can be
-   rounding, too. Returns 1, or 0 if S is indefinite or not finite; S is spoilt then. */
+/* Packed S := L with S = L L'. Returns 1, or 0 if S is not positive definite, as far as rounding lets that be told, or not finite; S is spoilt then. */
 MK_KERNEL int MK_F(mk_cholesky)(int n, MK_REAL *S) {
-    int good = 1;
     MK_UNROLL for (int i = 0; i < n; i++) {
         const MK_REAL diagonal = S[MK_AT(i, i)], slack = MK_R(8.0) * MK_EPSILON * (MK_REAL)n * diagonal;
         MK_REAL pivot = diagonal;
         MK_UNROLL for (int j = 0; j < i; j++) {
             MK_REAL sum = S[MK_AT(i, j)];
             MK_UNROLL for (int k = 0; k < j; k++) sum -= S[MK_AT(i, k)] * S[MK_AT(j, k)];
-            const MK_REAL root = S[MK_AT(j, j)];
-            /* A zero column of a semidefinite matrix: what is left of it squared is below the pivots of both rows. */
-            if (root > MK_R(0.0)) S[MK_AT(i, j)] = sum / root;
-            else {
-                good &= sum * sum <= MK_R(64.0) * MK_EPSILON * (MK_REAL)n * diagonal * -root;
-                S[MK_AT(i, j)] = MK_R(0.0);
-            }
+            S[MK_AT(i, j)] = sum / S[MK_AT(j, j)];
             pivot -= S[MK_AT(i, j)] * S[MK_AT(i, j)];
         }
-        good &= pivot >= -slack && diagonal <= MK_LARGEST;
-        /* The diagonal element of a column that is zero waits as its negative for the rows below. */
-        S[MK_AT(i, i)] = pivot > slack ? MK_F(mk_sqrt)(pivot) : -diagonal;
+        if (!(pivot > slack && diagonal <= MK_LARGEST)) return 0;
+        S[MK_AT(i, i)] = MK_F(mk_sqrt)(pivot);
     }
-    MK_UNROLL for (int i = 0; i < n; i++)
-        if (!(S[MK_AT(i, i)] > MK_R(0.0))) S[MK_AT(i, i)] = MK_R(0.0);
-    return good;
+    return 1;
 }
 
-/* L L' := sum over columns a of a a'; A holds them one after another, n numbers each: `full` ones, at least 1, and those of a lower triangular matrix, of
+/* L L' := sum over `total` columns a of a a'; A holds them one after another, n numbers each: `full` ones, at least 1, then those of a lower triangular matrix, of
    which the first i are not zero in row i and above. Householder reflections mix the columns; each number of w = sum a_i a, from which norm and factors
    follow, is a sum of its own, so that vector units may take them together. A is spoilt; the diagonal of L is not negative. work: n numbers. */
-MK_KERNEL void MK_F(mk_triangularise)(int n, int full, MK_REAL *MK_RESTRICT A, MK_REAL *MK_RESTRICT L, MK_REAL *MK_RESTRICT work) {
+MK_KERNEL void MK_F(mk_triangularise)(int n, int full, int total, MK_REAL *MK_RESTRICT A, MK_REAL *MK_RESTRICT L, MK_REAL *MK_RESTRICT work) {
     MK_UNROLL for (int i = 0; i < n; i++) {
         MK_REAL *const head = A + i * n;
-        const int from = MK_LANES_FROM(i), count = n - from, columns = full + i + 1;
+        const int from = MK_LANES_FROM(i), count = n - from, columns = full + i + 1 < total ? full + i + 1 : total;
         MK_F(mk_row_scale)(count, head[i], head + from, work + from);
         for (int k = i + 1; k < columns; k++) MK_F(mk_row_add)(count, A[k * n + i], A + k * n + from, work + from);
         const MK_REAL norm = MK_F(mk_sqrt)(work[i]);

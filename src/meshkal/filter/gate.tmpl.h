@@ -21,3 +21,20 @@ MK_REAL MK_F(mk_gate_judge)(int policy, MK_REAL threshold, MK_REAL d2, MK_F_T(mk
     record->rejected++;
     return MK_R(0.0);
 }
+
+mk_status_t MK_F(mk_gate_thresholds)(double tail, int count, MK_REAL *threshold) {
+    if (!threshold || !(tail > 0.0 && tail < 1.0)) return MK_ERROR_ARGUMENT;
+    for (int i = 0; i < count; i++) threshold[i] = (MK_REAL)mk_chi2_quantile(tail, (double)(i + 1));
+    return MK_OK;
+}
+
+/* What start says of a gate: thresholds are numbers that are not negative, for `rows` rows of a sensor and `most` together; the policy is one of those
+   there are. */
+static mk_status_t MK_F(mk_gate_check)(const MK_F_T(mk_gate) * gate, int rows, int most) {
+    for (int i = 0; i < most; i++) {
+        const MK_REAL single = gate->sensor && i < rows ? gate->sensor[i] : MK_R(0.0), stacked = gate->stacked ? gate->stacked[i] : MK_R(0.0);
+        if (!(single * MK_R(0.0) == MK_R(0.0) && stacked * MK_R(0.0) == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
+        if (single < MK_R(0.0) || stacked < MK_R(0.0)) return MK_ERROR_ARGUMENT;
+    }
+    return gate->policy > MK_GATE_INFLATE ? MK_ERROR_ARGUMENT : MK_OK;
+}

@@ -165,7 +165,7 @@ MK_KERNEL mk_status_t MK_F(mk_inline_unscented_predict)(int n, const MK_F_T(mk_u
     const MK_F_T(mk_linear) out = {D, V, rest, rest + n, 1, n};
     mk_status_t status = MK_OK;
     MK_REAL *G = D;
-    int sign = 0, full = 2 * n;
+    int sign = 0, full = 2 * n, total;
     if (linear || extended) {
         G = V;
         full = n;
@@ -183,13 +183,19 @@ MK_KERNEL mk_status_t MK_F(mk_inline_unscented_predict)(int n, const MK_F_T(mk_u
         }
     }
     if (status != MK_OK) return status;
+    if (!MK_F(mk_all_finite)(packed, Q)) return MK_ERROR_NOT_FINITE;
     MK_F(mk_packed_copy)(n, Q, L);
-    if (!MK_F(mk_all_finite)(packed, L)) return MK_ERROR_NOT_FINITE;
-    if (!MK_F(mk_cholesky)(n, L)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
-    MK_UNROLL for (int j = 0; j < n; j++) {
-        MK_UNROLL for (int i = 0; i < n; i++) points[j * n + i] = i < j ? MK_R(0.0) : L[MK_AT(i, j)];
+    total = full + n;
+    if (MK_F(mk_cholesky)(n, L)) { /* the usual case, and the quick one */
+        MK_UNROLL for (int j = 0; j < n; j++) {
+            MK_UNROLL for (int i = 0; i < n; i++) points[j * n + i] = i < j ? MK_R(0.0) : L[MK_AT(i, j)];
+        }
+    } else {
+        for (int i = 0; i < packed; i++) L[i] = Q[i];
+        if (!MK_F(mk_semidefinite_root)(n, L, rest, points)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+        full = total;
     }
-    MK_F(mk_triangularise)(n, full, G, L, rest);
+    MK_F(mk_triangularise)(n, full, total, G, L, rest);
     if (!MK_F(mk_all_finite)(packed, L) || !MK_F(mk_all_finite)(n, x)) return MK_ERROR_NOT_FINITE;
     if (!MK_F(mk_is_factor)(n, L) || (sign < 0 && !MK_F(mk_downdate)(n, L, extra, rest))) return MK_ERROR_NOT_POSITIVE_DEFINITE;
     MK_F(mk_packed_copy)(n, L, view->L);

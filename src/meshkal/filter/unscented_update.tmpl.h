@@ -221,7 +221,10 @@ static mk_status_t MK_F(mk_cost)(MK_F_T(mk_updating) * u, const MK_REAL *x, MK_R
         if (!(u->factor[l] > MK_R(0.0))) continue;
         const MK_F_T(mk_sensor) *const sensor = u->config->sensor + l;
         const mk_status_t status = MK_F(mk_call)(&sensor->model, n, sensor->rows, 1, MK_R(0.0), 1, x, u->mean);
-        if (status != MK_OK) return status;
+        if (status != MK_OK) {
+            u->view->core->failed = (uint16_t)l;
+            return status;
+        }
         MK_F(mk_space_difference)(sensor->model.space, sensor->rows, u->view->z + l * u->m, u->mean, u->b + first);
         first += sensor->rows;
     }

@@ -4,12 +4,12 @@
 
 #include <math.h>
 #include <meshkal/kernels.h>
+#include <meshkal/quantile.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "dense.h"
 #include "design/design.h"
-#include "distributions.h"
 #include "fit/mismatch.h"
 #include "parallel.h"
 
@@ -24,8 +24,8 @@ static mk_mean_t make_mean(double sum, double degrees, double effective, double 
     mk_mean_t mean = {nan, nan, nan};
     if (!(degrees > 0.0)) return mean;
     mean.mean = sum / degrees;
-    mean.low = mk_chi_square_quantile(0.5 * error, effective) / effective;
-    mean.high = mk_chi_square_tail_quantile(0.5 * error, effective) / effective;
+    mean.low = mk_chi2_quantile(1.0 - 0.5 * error, effective) / effective;
+    mean.high = mk_chi2_quantile(0.5 * error, effective) / effective;
     return mean;
 }
 

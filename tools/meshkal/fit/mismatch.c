@@ -3,6 +3,7 @@
 
 #include <math.h>
 #include <meshkal/base.h>
+#include <meshkal/quantile.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -87,12 +88,12 @@ static double autocorrelate(int steps, int rows, int k, const double *v, const d
    over r^2. */
 static double time_ratio(mk_mismatch_t *m, const double *v, const double *S, double *unequal) {
     const int p = m->rows, T = m->steps, most = T / 4 < MK_MISMATCH_LAGS ? T / 4 : MK_MISMATCH_LAGS;
-    const double critical = mk_chi_square_tail_quantile(0.001, p);
+    const double critical = mk_chi2_quantile(0.001, p);
     double *a = doubles((size_t)p), *of_mean = doubles((size_t)p), *of_product = NULL;
     m->lags = 0;
     for (int k = 1; k <= most; k++) {
         const double square = autocorrelate(T, p, k, v, S, a);
-        if (k == 1) m->white_p = mk_chi_square_tail(square, p);
+        if (k == 1) m->white_p = mk_chi2_tail(square, p);
         if (square < critical) break;
         if (!of_product) of_product = doubles(AT(p, 0));
         for (int i = 0; i < p; i++) {
@@ -281,10 +282,13 @@ void mk_mismatch_across(mk_mismatch_t *across, const mk_mismatch_t *whole, const
 
 /* --- test and interval ------------------------------------------------------------------------------------------------------ */
 
+/* Also of an approximation that reaches below 0. */
+static double chi2_tail(double x, double degrees) { return x < 0.0 ? 1.0 : mk_chi2_tail(x, degrees); }
+
 double mk_mismatch_test(const mk_mismatch_t *m, double *statistic, double *degrees) {
     *degrees = 2.0 * m->bias * m->bias / m->variance;
     *statistic = m->raw * *degrees / m->bias;
-    return mk_chi_square_tail(*statistic, *degrees);
+    return chi2_tail(*statistic, *degrees);
 }
 
 typedef struct {
@@ -299,8 +303,8 @@ static void tails(const law_t *law, double c, double *as_low, double *as_high, d
                          pow(law->degrees + 3.0 * shift, 2.0);
     const double z = (law->estimate - c) / deviation;
     /* Beyond, the skewness sqrt(8 / degrees) is below 0.003. */
-    *as_high = degrees < 1e6 ? mk_chi_square_tail(degrees + z * sqrt(2.0 * degrees), degrees) : mk_normal_tail(z);
-    *as_low = degrees < 1e6 ? mk_chi_square_cdf(degrees + z * sqrt(2.0 * degrees), degrees) : mk_normal_tail(-z);
+    *as_high = degrees < 1e6 ? chi2_tail(degrees + z * sqrt(2.0 * degrees), degrees) : mk_normal_tail(z);
+    *as_low = degrees < 1e6 ? 1.0 - *as_high : mk_normal_tail(-z);
     /* Feldman and Cousins for a normal estimate of s >= 0: accepted from -(s^2 + d^2) / (2 s) to d standard deviations about s. */
     const double s = c / deviation;
     double low = law->one_sided, high = law->two_sided;

@@ -2,10 +2,10 @@
 #include "simulation/record.h"
 
 #include <math.h>
+#include <meshkal/quantile.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "distributions.h"
 #include "error.h"
 
 void mk_record_open(mk_record_t *r, int n, int steps, int estimators) {
@@ -51,7 +51,7 @@ void mk_statistics_add(mk_statistics_t *s, const double *value) {
 }
 
 void mk_statistics_finish(mk_statistics_t *s) {
-    const double runs = s->runs, quantile = s->runs < 2 ? (double)NAN : mk_student_quantile(0.975, runs - 1.0);
+    const double runs = s->runs, quantile = s->runs < 2 ? (double)NAN : mk_student_quantile(0.025, runs - 1.0);
     for (size_t i = 0; i < s->mean.count; i++) {
         if (s->runs == 0) s->mean.value[i] = (double)NAN;
         s->squares.value[i] = s->runs < 2 ? (double)NAN : quantile * sqrt(s->squares.value[i] / (runs * (runs - 1.0)));
