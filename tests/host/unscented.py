@@ -110,10 +110,10 @@ class Filter:
         self.core, self.record = t.core(), (t.record * slots)()
         self.x, self.L, self.z = (np.zeros(k, t.numpy) for k in (n, packed, rows))
         self.have = np.zeros(slots, np.uint8)
-        wide = max(n, self.m)
         # MK_UNSCENTED_.._WORK, written again.
-        predict = 2 * n * (2 * n + 1) + n * (3 * n + 1) + packed + 6 * n
-        update = ((n + wide) * (2 * n + 1) + 3 * packed + 4 * n + 2 * self.m + 2 * slots + rows * (3 * n + 4) + rows * (rows + 1))
+        predict = 2 * n * (2 * n + 1) + 4 * n
+        update = (rows * (2 * n + 3) + rows * (rows + 1) // 2 + 2 * packed + n + 2 * self.m + 2 * slots +
+                  max((n + self.m) * (2 * n + 1), rows * (n + 1) + rows * (rows + 1) // 2 + 3 * n + packed))
         other = n * n + 2 * packed + 2 * n + self.m * (self.m + 1) // 2
         self.sizes = {"predict": predict, "update": update, "contribution": update}
         self.other, self.work = other, np.zeros(max(predict, update, other) + 16, t.numpy)
