@@ -7,6 +7,7 @@
 #include "models/motion.tmpl.h"
 #include "models/sensors.tmpl.h"
 #include "filter/rkfd_object.tmpl.h"
+#include "filter/rkfd_extended.tmpl.h"
 #include "filter/gate.tmpl.h"
 #include "filter/unscented_transform.tmpl.h"
 #include "filter/unscented_update.tmpl.h"

@@ -44,7 +44,13 @@ static const char simulate_help[] =
     "    --record DIR         a record of every node in the first run, for meshkal replay and for firmware\n"
     "    --json FILE          summary for programs\n"
     "    --threads N          (default: all cores)\n"
-    "    --resume FILE        complete runs are kept there; a later call goes on, also to more runs\n";
+    "    --resume FILE        complete runs are kept there; a later call goes on, also to more runs\n"
+    "  of a tracking scenario (its model has \"motion\"): --steps --seed --runs --real --loss --measurements --truth FILE.csv --out --json --threads and\n"
+    "    --filter F           central: ekf ukf iukf iukf-literal pukf mpukf, one in each node: duif kcf rekfd (default ukf), or all\n"
+    "    --models FILE.so     own models, see meshkal/plugin.h\n"
+    "    --from-step K        first step of RMSE, NEES and NIS, from 1 (default: the second half)\n"
+    "    --lost-m D           count runs that end with a position error above D metres\n"
+    "    --increments N --rule R --gate P|none --protocol C --iterations L --tolerance C    instead of the scenario's\n";
 
 static const char analyze_help[] =
     "meshkal analyze SCENARIO.json [options]     error of every filter when the model errs as badly as c allows, by covariances\n"
