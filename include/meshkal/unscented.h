@@ -108,7 +108,7 @@ enum { MK_RULE_NONE, MK_RULE_INNOVATION, MK_RULE_MAHALANOBIS };
         uint16_t nis_rows;                  /* its degrees of freedom */                                                      \
         uint16_t measurements;              /* sensors used by the last update */                                             \
         uint16_t increments;                /* updates or steps that the last update took */                                  \
-        uint16_t gated_updates;             /* in a row, in which most readings were refused */                               \
+        uint16_t gated_updates;             /* in which most readings were beyond the gate, less the others, from 0 up */     \
         uint16_t failed;                    /* slot whose model stopped the last call; `slots` if it was the transition */    \
         uint8_t stopped;                    /* 1: the rule ended the last update */                                           \
         uint8_t started;                                                                                                      \

@@ -11,7 +11,7 @@ struct MK_F(extended_node) {
     uint8_t *rows;
     MK_REAL *room;
     MK_REAL *arrays;
-    uint32_t gated; /* updates in a row in which most readings were refused */
+    uint32_t gated; /* gated_updates of meshkal/unscented.h */
 };
 
 static void MK_F(extended_open_node)(MK_F(tracker) * t, int e) {
@@ -130,13 +130,13 @@ static void MK_F(extended_hear)(MK_F(tracker) * t, int e, int slot, const mk_rea
 static void MK_F(extended_look_back)(MK_F(tracker) * t, int e, const mk_reading_t *const *reading) {
     struct MK_F(extended_node) *const node = &t->extended[e];
     const int first = t->setting->topology.first[e], slots = node->config.slots;
-    int present = 0, refused = 0;
+    int present = 0, beyond = 0;
     for (int l = 0; l < slots; l++) {
         present += t->look.arrived[first + l];
-        refused += t->look.decision[first + l] == MK_READING_REJECTED;
+        beyond += t->look.decision[first + l] == MK_READING_REJECTED || t->look.decision[first + l] == MK_READING_INFLATED;
     }
-    if (2 * refused <= present) {
-        if (present) node->gated = 0;
+    if (2 * beyond <= present) {
+        if (present && node->gated > 0) node->gated--;
         return;
     }
     const uint32_t patience = t->models->gate.patience;

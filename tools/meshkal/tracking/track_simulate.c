@@ -97,7 +97,7 @@ static int open_events(mk_track_campaign_t *c, const mk_simulate_options_t *a, c
     c->events = *events;
     c->facts = mk_events_facts(*events);
     if (!mk_option_integer("from-step", a->from_step, 1, c->facts.steps, &from, error)) return 0;
-    c->from = from > 0 ? (long)from : c->facts.steps / 2 + 1;
+    c->from = from > 0 ? (long)from : c->facts.half;
     return 1;
 }
 
