@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 import scipy.stats
-from tracking_cases import FAULTY, LINEAR, LINEAR_ROWS, PLANE, TURN, assert_close, changed, diagonal, instants, linear_sensors, simulate, slots_of  # noqa: F401
+from tracking_cases import (FAULTY, LINEAR, LINEAR_ROWS, PLANE, TURN, assert_close, changed, diagonal, instants, linear_sensors, simulate,  # noqa: F401
+                            slots_of)
 from tracking_filters import Model, Robust, Transform, Unscented
 
 
@@ -63,7 +64,8 @@ def test_mpukf_with_its_gate(simulate, rule):
 
 @pytest.mark.parametrize("scenario, paper", [(PLANE, False), (PLANE, True), (TURN, False)], ids=["plane", "paper's information", "turn"])
 def test_duif_with_many_iterations_is_the_centralised_information_filter(simulate, scenario, paper):
-    header, steps, _, summary = simulate(changed(scenario, tracking__consensus={"information": "paper" if paper else "residual"}), "duif", "--iterations", "200")
+    consensus = {"information": "paper" if paper else "residual"}
+    header, steps, _, summary = simulate(changed(scenario, tracking__consensus=consensus), "duif", "--iterations", "200")
     assert (summary["iterations"], summary["protocol"]) == (200, "metropolis")
     model = Model(scenario)
     f = Unscented(model, Transform(model.n, scenario["tracking"]["transform"]))
@@ -73,8 +75,7 @@ def test_duif_with_many_iterations_is_the_centralised_information_filter(simulat
         if parts:
             f.inform(sum(s for s, _ in parts), sum(S for _, S in parts))
         for e in range(header["estimators"]):
-            assert_close({"step": step["step"], "estimate": step["estimate"].reshape(-1, model.n)[e], "trace_covariance": step["trace_covariance"][e:]}, f.x, f.P,
-                         1e-8)
+            assert_close(step, f.x, f.P, 1e-8, e)
         assert step["disagreement"][0] < 1e-7 and step["consensus_disagreement"][-1] < 1e-9
 
 
@@ -93,8 +94,7 @@ def test_rekfd(simulate, scenario, c):
         for e, slots, first in slots_of(header):
             heard = [k for i, k in enumerate(slots) if step["estimates_arrived"][first + i]]
             nodes[e].x = sum(degree[k] * psi[k] for k in heard) / sum(degree[k] for k in heard)
-            assert_close({"step": step["step"], "estimate": step["estimate"].reshape(-1, model.n)[e], "trace_covariance": step["trace_covariance"][e:]},
-                         nodes[e].x, nodes[e].V, 1e-7)
+            assert_close(step, nodes[e].x, nodes[e].V, 1e-7, e)
 
 
 @pytest.mark.parametrize("policy", ["skip", "inflate"])
@@ -123,8 +123,7 @@ def test_gate_of_rekfd(simulate, policy):
         psi = [node.x for node in nodes]
         for e, slots, _ in slots_of(header):
             nodes[e].x = sum(degree[k] * psi[k] for k in slots) / sum(degree[k] for k in slots)
-            assert_close({"step": step["step"], "estimate": step["estimate"].reshape(-1, 4)[e], "trace_covariance": step["trace_covariance"][e:]},
-                         nodes[e].x, nodes[e].V, 1e-7)
+            assert_close(step, nodes[e].x, nodes[e].V, 1e-7, e)
     assert beyond > 10 and f["counts"]["rejected" if policy == "skip" else "inflated"] == beyond
 
 
@@ -149,7 +148,8 @@ def test_decisions_of_both_gates(simulate):
 @pytest.mark.parametrize("name", ["ukf", "duif", "kcf", "rekfd"])
 def test_way_back(simulate, tmp_path, name):
     """An estimate that starts far from the truth and sure of itself: the gate refuses everything until P := P0, and again, until it finds back."""
-    sure = changed(PLANE, model__P0=diagonal(1, 1, 0.1, 0.1), model__start=None, tracking__gate={"significance": 1e-4, "patience": 3}, edges=[[0, 1], [0, 2], [1, 2]],
+    sure = changed(PLANE, model__P0=diagonal(1, 1, 0.1, 0.1), model__start=None, tracking__gate={"significance": 1e-4, "patience": 3},
+                   edges=[[0, 1], [0, 2], [1, 2]],
                    model__acceleration_psd=1e-4)
     path = [np.array([26 + t, 40 + 0.6 * t]) for t in range(1, 61)]
     (tmp_path / "y.csv").write_text("t,node,row,value\n" + "".join(f"{t},{k},0,{float(np.linalg.norm(p - node['position_m']))!r}\n"
@@ -176,8 +176,7 @@ def test_kcf(simulate):
             pull = gamma * nodes[e].P @ sum(x - nodes[e].x for _, _, x in heard)
             nodes[e].inform(sum(s for s, _, _ in heard), sum(S for _, S, _ in heard))
             nodes[e].x = nodes[e].x + pull
-            assert_close({"step": step["step"], "estimate": step["estimate"].reshape(-1, 4)[e], "trace_covariance": step["trace_covariance"][e:]},
-                         nodes[e].x, nodes[e].P, 1e-8)
+            assert_close(step, nodes[e].x, nodes[e].P, 1e-8, e)
 
 
 def test_recorded_readings_at_any_times(simulate, tmp_path):

@@ -112,12 +112,12 @@ def instants(header, steps):
         before = t
 
 
-def assert_close(step, x, P, tolerance):
-    """Estimate, trace and position covariance of estimator 0."""
-    n = len(x)
+def assert_close(step, x, P, tolerance, e=0):
+    """Estimate and trace of the covariance of estimator e."""
+    estimate = step["estimate"].reshape(-1, len(x))[e]
     scale = np.sqrt(np.diag(P))
-    np.testing.assert_array_less(np.abs(step["estimate"][:n] - x), tolerance * (scale + np.abs(x)), f"step {step['step']}")
-    assert abs(step["trace_covariance"][0] - np.trace(P)) < 10 * tolerance * np.trace(P), f"step {step['step']}"
+    np.testing.assert_array_less(np.abs(estimate - x), tolerance * (scale + np.abs(x)), f"step {step['step']}")
+    assert abs(step["trace_covariance"][e] - np.trace(P)) < 10 * tolerance * np.trace(P), f"step {step['step']}"
 
 
 def slots_of(header):

@@ -68,7 +68,9 @@ static const char *verdict(const figures_t *f) {
 }
 
 /* All runs' count. */
-static double total(const mk_track_result_t *r, int which) { return r->statistics.runs ? round(r->statistics.mean.single[MK_TRACK_COUNT + which] * r->statistics.runs) : 0.0; }
+static double total(const mk_track_result_t *r, int which) {
+    return r->statistics.runs ? round(r->statistics.mean.single[MK_TRACK_COUNT + which] * r->statistics.runs) : 0.0;
+}
 
 static double failures(const mk_track_result_t *r) {
     double sum = 0.0;
@@ -81,11 +83,11 @@ void mk_track_report_head(FILE *out, const mk_track_campaign_t *c) {
                   c->scenario->nodes, c->scenario->n, c->facts.steps, c->runs, c->runs == 1 ? "" : "s", c->tracker->name, (unsigned long long)c->seed,
                   c->facts.drawn ? "drawn" : "recorded");
     if (c->loss > 0.0) (void)fprintf(out, ", %g of messages lost", c->loss);
-    (void)fprintf(out, "\nRMSE, NEES and NIS over steps %ld to %ld, with 95 %% confidence intervals of the runs; ln MSE: mean over all steps of the natural "
-                       "logarithm.\nNEES of an exact filter: %d; band: where its mean over the runs is in 95 of 100 steps.\n\n",
+    (void)fprintf(out, "\nRMSE, NEES and NIS over steps %ld to %ld, with 95 %% confidence intervals of the runs; ln MSE: mean over all steps of the "
+                       "natural logarithm.\nNEES of an exact filter: %d; band: where its mean over the runs is in 95 of 100 steps.\n\n",
                   c->from, c->facts.steps, c->scenario->n);
-    (void)fprintf(out, "%-12s %12s %8s %12s %8s %9s %9s %8s %15s %-14s %8s %10s %9s %9s %9s %7s %8s %6s %6s %10s %7s\n", "filter", "position [m]", "+-",
-                  "vel. [m/s]", "+-", "ln MSE p", "ln MSE v", "NEES", "band", "", "NIS/rows", "apart [m]", "accepted", "rejected", "inflated", "lost",
+    (void)fprintf(out, "%-12s %12s %8s %12s %8s %9s %9s %8s %15s %-14s %8s %10s %9s %9s %9s %7s %8s %6s %6s %10s %7s\n", "filter",
+                  "position [m]", "+-", "vel. [m/s]", "+-", "ln MSE p", "ln MSE v", "NEES", "band", "", "NIS/rows", "apart [m]", "accepted", "rejected", "inflated", "lost",
                   "P := P0", "rule", "failed", "ns a step", "x ukf");
 }
 
@@ -129,13 +131,16 @@ void mk_track_report_foot(FILE *out, const mk_track_campaign_t *c, const mk_trac
     (void)fputs("\n", out);
     json_array_foreach(notes, i, note) (void)fprintf(out, "%s\n", json_string_value(note));
     if (c->facts.drawn)
-        (void)fprintf(out, "Sensors gave %.0f readings, %.0f of them faulty; %.0f were lost by the scenario, %.0f times the target was out of range.\n",
+        (void)fprintf(out, "Sensors gave %.0f readings, %.0f of them faulty; %.0f were lost by the scenario, %.0f times the target was out of "
+                           "range.\n",
                       single[MK_TRACK_READINGS] * runs, single[MK_TRACK_FAULTY] * runs, single[MK_TRACK_SCENARIO_LOST] * runs,
                       single[MK_TRACK_OUT_OF_RANGE] * runs);
     else
-        (void)fprintf(out, "%ld readings at %ld instants, %ld of which have some truth; %ld readings with some of their rows missing were left out whole.\n",
+        (void)fprintf(out, "%ld readings at %ld instants, %ld of which have some truth; %ld readings with some of their rows missing were left "
+                           "out whole.\n",
                       c->facts.readings, c->facts.steps, c->facts.with_truth, c->facts.dropped);
-    if (last->interrupted) (void)fprintf(out, "interrupted: the figures are of the runs that were complete, %d of %d\n", last->statistics.runs, c->runs);
+    if (last->interrupted)
+        (void)fprintf(out, "interrupted: the figures are of the runs that were complete, %d of %d\n", last->statistics.runs, c->runs);
     (void)fprintf(out, "%d thread%s, peak memory %.0f MiB\n", c->threads, c->threads == 1 ? "" : "s", mk_peak_memory() / 1048576.0);
 }
 
