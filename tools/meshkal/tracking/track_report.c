@@ -201,7 +201,7 @@ json_t *mk_track_report_filter(const mk_track_campaign_t *c, const mk_track_resu
     }
     mk_json_set(object, "counts", readings_of(r));
     mk_json_set(object, "failures", failures_of(r));
-    if (isfinite(c->lost_m)) set_number(object, "targets_lost", mean->single[MK_TRACK_TARGET_LOST] * r->statistics.runs);
+    if (isfinite(c->lost_m)) set_number(object, "targets_lost", round(mean->single[MK_TRACK_TARGET_LOST] * r->statistics.runs));
     set_number(object, "ns_per_step", f.ns);
     set_number(object, "time_ratio_to_ukf", r->step_seconds / r->estimators / ukf_seconds);
     mk_json_set(object, "time_s", mk_json_numbers(mean->time, T));
