@@ -75,7 +75,9 @@ static const char *verdict(const figures_t *f) {
 }
 
 /* All runs' count. */
-static double total(const mk_track_result_t *r, int which) { return r->statistics.runs ? round(r->statistics.mean.single[MK_TRACK_COUNT + which] * r->statistics.runs) : 0.0; }
+static double total(const mk_track_result_t *r, int which) {
+    return r->statistics.runs ? round(r->statistics.mean.single[MK_TRACK_COUNT + which] * r->statistics.runs) : 0.0;
+}
 
 static double failures(const mk_track_result_t *r) {
     double sum = 0.0;
@@ -88,8 +90,8 @@ void mk_track_report_head(FILE *out, const mk_track_campaign_t *c) {
                   c->scenario->nodes, c->scenario->n, c->facts.steps, c->runs, c->runs == 1 ? "" : "s", c->tracker->name, (unsigned long long)c->seed,
                   c->facts.drawn ? "drawn" : "recorded");
     if (c->loss > 0.0) (void)fprintf(out, ", %g of messages lost", c->loss);
-    (void)fprintf(out, "\nRMSE, NEES and NIS over steps %ld to %ld, with 95 %% confidence intervals of the runs; ln MSE: mean over all steps of the natural "
-                       "logarithm.\n",
+    (void)fprintf(out, "\nRMSE, NEES and NIS over steps %ld to %ld, with 95 %% confidence intervals of the runs; ln MSE: mean over all steps of the "
+                       "natural logarithm.\n",
                   c->from, c->facts.steps);
     if (c->facts.known) (void)fprintf(out, "NEES of an exact filter: %d; band: where its mean over the runs is in 95 of 100 steps.\n", states_judged(c));
     (void)fputs("\n", out);
@@ -138,15 +140,17 @@ void mk_track_report_foot(FILE *out, const mk_track_campaign_t *c, const mk_trac
     (void)fputs("\n", out);
     json_array_foreach(notes, i, note) (void)fprintf(out, "%s\n", json_string_value(note));
     if (c->facts.drawn)
-        (void)fprintf(out, "Sensors gave %.0f readings, %.0f of them faulty; %.0f were lost by the scenario, %.0f times the target was out of range.\n",
+        (void)fprintf(out, "Sensors gave %.0f readings, %.0f of them faulty; %.0f were lost by the scenario, %.0f times the target was out of "
+                           "range.\n",
                       single[MK_TRACK_READINGS] * runs, single[MK_TRACK_FAULTY] * runs, single[MK_TRACK_SCENARIO_LOST] * runs,
                       single[MK_TRACK_OUT_OF_RANGE] * runs);
     else
-        (void)fprintf(out, "%ld readings at %ld instants in %.6g s, longest gap %.3g s; %ld instants have some truth. Left out: %ld readings with some of their rows "
-                           "missing, %ld lines that were there before.\n",
-                      c->facts.readings, c->facts.steps, c->facts.last_s - c->facts.start_s, c->facts.longest_gap_s, c->facts.with_truth, c->facts.dropped,
-                      c->facts.repeated);
-    if (last->interrupted) (void)fprintf(out, "interrupted: the figures are of the runs that were complete, %d of %d\n", last->statistics.runs, c->runs);
+        (void)fprintf(out, "%ld readings at %ld instants in %.6g s, longest gap %.3g s; %ld instants have some truth. Left out: %ld readings with "
+                           "some of their rows missing, %ld lines that were there before.\n",
+                      c->facts.readings, c->facts.steps, c->facts.last_s - c->facts.start_s, c->facts.longest_gap_s, c->facts.with_truth,
+                      c->facts.dropped, c->facts.repeated);
+    if (last->interrupted)
+        (void)fprintf(out, "interrupted: the figures are of the runs that were complete, %d of %d\n", last->statistics.runs, c->runs);
     (void)fprintf(out, "%d thread%s, peak memory %.0f MiB\n", c->threads, c->threads == 1 ? "" : "s", mk_peak_memory() / 1048576.0);
 }
 
@@ -207,7 +211,7 @@ json_t *mk_track_report_filter(const mk_track_campaign_t *c, const mk_track_resu
     }
     mk_json_set(object, "counts", readings_of(r));
     mk_json_set(object, "failures", failures_of(r));
-    if (isfinite(c->lost_m)) set_number(object, "targets_lost", mean->single[MK_TRACK_TARGET_LOST] * r->statistics.runs);
+    if (isfinite(c->lost_m)) set_number(object, "targets_lost", round(mean->single[MK_TRACK_TARGET_LOST] * r->statistics.runs));
     set_number(object, "ns_per_step", f.ns);
     set_number(object, "time_ratio_to_ukf", r->step_seconds / r->estimators / ukf_seconds);
     mk_json_set(object, "time_s", mk_json_numbers(mean->time, T));
