@@ -16,7 +16,7 @@ def blueprint(header: Header, scenario: Scenario, first: Batch, compared: tuple[
     front = tracking_blueprint.front(header, scenario, first, compared, few=few) if header.tracking else [_overview(header, scenario, first, few=few)]
     tabs = [
         *front,
-        _grid_tab(_consistency(header), "Consistency and losses"),
+        _grid_tab(_consistency(header, first), "Consistency and losses"),
         _grid_tab(views.states(header, has_truth=first.truth is not None, few=few), "States"),
     ]
     if header.nodes <= DRAWN_NODES:
@@ -74,7 +74,7 @@ def _tolerance_axis(first: Batch) -> rrb.ScalarAxis | None:
     return rrb.ScalarAxis(range=(0.0, 1.5 * high)) if 0.0 < low == high < float("inf") else None
 
 
-def _consistency(header: Header) -> list[rrb.View]:
+def _consistency(header: Header, first: Batch) -> list[rrb.View]:
     several = header.estimators > 1
     name = "Test quantity: squared normalised innovation / degrees of freedom, 1 = as expected"
     together = " (white: all nodes together)" if several else ""
@@ -84,7 +84,7 @@ def _consistency(header: Header) -> list[rrb.View]:
         plot(header, "missing_measurements", "Missing measurements" + together, summary="total"),
     ]
     if header.filter == "rekfd":
-        plots += [plot(header, "theta", "Risk sensitivity theta"), plot(header, "tolerance", "Tolerance c, nats")]
+        plots += [plot(header, "theta", "Risk sensitivity theta"), plot(header, "tolerance", "Tolerance c, nats", axis=_tolerance_axis(first))]
     if not header.central:
         what = "messages" if header.tracking else "estimates"
         plots.append(plot(header, f"missing_{what}", f"Missing {what}" + together, summary="total"))

@@ -25,7 +25,13 @@ DECISIONS = {
     "refused by the model": 0xC77DFFFF,
 }
 # Of filters that are compared with the one that is shown.
-COMPARED = (0xFFB000FF, 0x00D1C1FF, 0xFF7EB6FF, 0xB9E769FF, 0xC3A6FFFF)
+COMPARED = {"orange": 0xFFB000FF, "turquoise": 0x00D1C1FF, "pink": 0xFF7EB6FF, "lime": 0xB9E769FF, "lilac": 0xC3A6FFFF}
+
+
+def compared(index: int) -> tuple[str, int]:
+    """Name and colour; they repeat."""
+    return list(COMPARED.items())[index % len(COMPARED)]
+
 
 _GOLDEN_RATIO = 0.6180339887498949
 # Blue, sand, red: ordered for the colour-blind too, and none of them vanishes on a dark background.

@@ -164,8 +164,8 @@ class LogReader:
                 raise LogError(f"{where}: {', '.join(sorted(present ^ optional))} is in some steps and not in others")
             if item["step"] <= last_step:
                 raise LogError(f"{where}: comes after step {last_step}")
-            if header.tracking and not np.isfinite(item["time_s"][0]):
-                raise LogError(f"{where}: time_s is not finite")
+            if header.tracking:
+                _check_tracking(item, where)
             last_step = item["step"]
             pending.append(item)
             if len(pending) >= BATCH_STEPS or pending_bytes >= BATCH_BYTES:
@@ -359,6 +359,14 @@ def _check_arrays(item: dict, lengths: dict[str, tuple[np.dtype, int]], where: s
             raise LogError(f"{where}: {key} has {len(value)} numbers instead of {length}")
         size += value.nbytes
     return size
+
+
+def _check_tracking(item: dict, where: str) -> None:
+    if not np.isfinite(item["time_s"][0]):
+        raise LogError(f"{where}: time_s is not finite")
+    largest = int(item["decision"].max())
+    if largest >= Decision.LOST:
+        raise LogError(f"{where}: decision {largest} is unknown")
 
 
 def _batch(items: list[dict], header: Header) -> Batch:

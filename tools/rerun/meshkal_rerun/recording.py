@@ -2,6 +2,7 @@
 """Writes the batches of one run to a rerun recording: times, series, faults. Scene, network and summary have their own files."""
 
 import hashlib
+from collections.abc import Sequence
 
 import numpy as np
 import rerun as rr
@@ -88,10 +89,12 @@ class Recorder:
         self._graph.batch(batch, quantities)
         self._summary.batch(batch, quantities, network, fault_changes)
 
-    def finish(self, end: str | None) -> None:
+    def finish(self, end: str | None, more: Sequence[tuple[str, str]] = ()) -> None:
+        """more: further rows of the result in the summary."""
         if self._scene:
             self._scene.finish()
         colour_range = self._graph.finish()
+        self._summary.more += more
         self._rec.log("summary", rr.TextDocument(self._summary.text(end, colour_range), media_type="text/markdown"), static=True)
 
     def _quantities(self, times: list, quantities: dict, network: dict) -> None:
@@ -135,7 +138,7 @@ class Recorder:
     def _sparse(self, path: str, times: list, values: np.ndarray, *, width: float = 1.0, **style: object) -> None:
         """What a tracking log does not have in every step is drawn as points: a line between gaps would not be seen."""
         if self._tracking:
-            self._series.points(path, times, values, marker_sizes=2.0 * width, **style)
+            self._series.points(path, times, values, marker_sizes=1.0 + width, **style)
         else:
             self._drawn(path, times, values, width=width, **style)
 

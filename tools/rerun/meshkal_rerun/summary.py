@@ -31,6 +31,7 @@ class Summary:
         self._infinite = 0
         self._last_rms_db: float | None = None
         self._has_estimates_arrived = False
+        self.more: list[tuple[str, str]] = []  # further rows of the result
 
     def batch(self, batch: Batch, quantities: dict, network: dict, fault_entries: int) -> None:
         self._steps += len(batch.step)

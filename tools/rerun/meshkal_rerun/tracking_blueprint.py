@@ -4,11 +4,12 @@
 import numpy as np
 import rerun.blueprint as rrb
 
+from . import colours
 from . import tracking_numbers as numbers
 from .reader import Batch, Header
 from .scenario import Scenario
-from .tracking_recording import DRAWN_SLOTS, shown_iterations
-from .views import LEGEND_NODES, plot, scene, series, states, text_log
+from .tracking_recording import DRAWN_SLOTS
+from .views import plot, scene, series, states, text_log
 
 # One lane each; more would be too thin to read.
 LANES = 40
@@ -27,12 +28,15 @@ def front(header: Header, scenario: Scenario, first: Batch, compared: tuple[str,
 
 
 def _overview(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...], *, few: bool) -> rrb.Horizontal:
-    left = [scene(scenario, first, _scene_name(first), few=few)] if scenario.position_states else [rrb.Tabs(*states(header, has_truth=first.truth is not None, few=few), active_tab=0)]
+    if scenario.position_states:
+        left = [scene(scenario, first, _scene_name(first), few=few)]
+    else:
+        left = [rrb.Tabs(*states(header, has_truth=first.truth is not None, few=few), active_tab=0)]
     shares = [7.0]
     lanes = sum(map(bool, header.rows))
     if 0 < lanes <= LANES:
         left.append(rrb.StateTimelineView(origin="decisions", name="What became of each sensor's reading"))
-        shares.append(3.0 if lanes > 5 else 2.0)
+        shares.append(min(max(0.7 * lanes - 0.4, 1.2), 6.0))  # a lane has the same height in all pictures
     return rrb.Horizontal(
         rrb.Vertical(*left, row_shares=shares),
         rrb.Vertical(*_plots(header, scenario, first, compared, few=few)),
@@ -43,15 +47,15 @@ def _overview(header: Header, scenario: Scenario, first: Batch, compared: tuple[
 
 def _plots(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...], *, few: bool) -> list[rrb.View]:
     every = "of the centre" if header.central else "of each node" if few else "over the network"
-    legend = 1 < header.estimators <= LEGEND_NODES or bool(compared)
+    others = "".join(f", {colours.compared(i)[0]}: {label}" for i, label in enumerate(compared))
     out = []
     error = numbers.position_error(first, scenario)
     if error is not None:
-        name = f"Position error {every}, m" + (" (white: RMS over the network)" if header.estimators > 1 and few else "")
+        name = f"Position error {every}, m" + (", white: RMS over the network" if header.estimators > 1 and few else "") + others
         extra = ("$origin/compared/**",) if compared else ()
-        out.append(plot(header, "position_error", name, summary="rms", legend=legend, axis=_axis(error), extra=extra))
+        out.append(plot(header, "position_error", name, summary="rms", axis=_axis(error), extra=extra))
     elif first.error is not None:
-        out.append(plot(header, "error_db", f"Error {every}, dB", summary="rms", legend=legend))
+        out.append(plot(header, "error_db", f"Error {every}, dB", summary="rms"))
     if first.nees is not None:
         low, high = numbers.nees_band(header.states)
         name = f"NEES {every}; an exact filter: {header.states}, in 95 of 100 steps from {low:.2f} to {high:.2f}"
@@ -60,7 +64,7 @@ def _plots(header: Header, scenario: Scenario, first: Batch, compared: tuple[str
         name = f"Test quantity {every}, 1 = as expected (no truth, so no NEES)"
         out.append(plot(header, "nis_ratio", name, summary="pooled", axis=_axis(first.nis / np.maximum(first.nis_rows, 1), 2.0)))
     if _gated(first):
-        sums = sum(header.heard) > DRAWN_SLOTS
+        sums = len(numbers.Slots(header).at) > DRAWN_SLOTS
         contents = ["$origin/threshold", "$origin/network/**" if sums else "$origin/**", *([] if sums else ["- $origin/network/**"])]
         what = "largest in each step" if sums else "of each reading; cross: rejected, triangle: inflated"
         axis = _axis(np.concatenate([first.gate_ratio, first.gate_stacked_ratio], axis=1), 2.0)
@@ -69,20 +73,19 @@ def _plots(header: Header, scenario: Scenario, first: Batch, compared: tuple[str
         name = f"Test quantity {every}, 1 = as expected (no gate in this log)"
         out.append(plot(header, "nis_ratio", name, summary="pooled", axis=_axis(first.nis / np.maximum(first.nis_rows, 1), 2.0)))
     if first.disagreement is not None:
-        name = "Disagreement: largest distance of two estimates, m" + ("; RMS distance to other filters" if compared else "")
-        out.append(series("disagreement", name, ["$origin/**"], legend=bool(compared), axis=_axis(first.disagreement)))
+        name = "Disagreement: largest distance of two estimates, m" + (f"; RMS distance to the mean of{others[1:]}" if compared else "")
+        out.append(series("disagreement", name, ["$origin/**"], axis=_axis(first.disagreement)))
     elif compared:
-        out.append(series("disagreement", "RMS distance to the mean estimate of other filters, m", ["$origin/**"], legend=True))
+        out.append(series("disagreement", f"RMS distance to the mean of{others[1:]}, m", ["$origin/**"]))
     if first.consensus_disagreement is not None and header.iterations:
-        ends = f"iterations {', '.join(map(str, shown_iterations(header.iterations)))}"
-        name = f"Consensus: largest distance of an information matrix from the mean, dB of it, after {ends} (red to blue)"
+        name = f"Consensus: distance of information matrices from their mean, dB; red: before, blue: after {header.iterations} iterations"
         out.append(series("consensus", name, ["$origin/**"]))
     return out
 
 
 def _scene_name(first: Batch) -> str:
     target = "target (white), " if first.truth is not None else ""
-    return f"Position, m: {target}estimates with 3 sigma; readings: green used, red rejected, yellow inflated, grey lost; green links carried messages"
+    return f"Position, m: {target}estimates with 3 sigma, sensors, readings of this instant"
 
 
 def _gated(first: Batch) -> bool:

@@ -10,8 +10,8 @@ from .reader import Batch, Decision, Header
 from .scenario import Scenario
 
 BAND = 0.95
-# What a picture shows of a reading that several estimators heard: the worst that became of it.
-_WORST_LAST = (Decision.NONE, Decision.USED, Decision.LOST, Decision.INFLATED, Decision.REJECTED, Decision.REFUSED)
+# What a picture shows of a reading that several estimators heard: the worst that became of it. It is lost if nobody got it.
+_WORST_LAST = (Decision.NONE, Decision.LOST, Decision.USED, Decision.INFLATED, Decision.REJECTED, Decision.REFUSED)
 _RANK = np.array([_WORST_LAST.index(decision) for decision in Decision], dtype=np.int64)
 
 
@@ -98,6 +98,14 @@ class Links:
             for i, slots in enumerate(self._slots):
                 share[:, i] = np.minimum(messages_arrived[:, slots] / self._messages, 1.0).mean(axis=1)
         return share
+
+
+def middle(estimates: np.ndarray) -> np.ndarray:
+    """Of the finite positions (T, E, 3) in each step; NaN where there is none."""
+    known = np.isfinite(estimates).all(axis=2)
+    total = np.where(known[:, :, None], estimates, 0.0).sum(axis=1, dtype=np.float64)
+    count = known.sum(axis=1)[:, None]
+    return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
 
 
 def nees_band(states: int, level: float = BAND) -> tuple[float, float]:

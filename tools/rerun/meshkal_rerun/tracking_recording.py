@@ -11,13 +11,7 @@ from .series import Clock, Series
 
 # Above this many slots that are heard, only the largest test ratio of each step is drawn.
 DRAWN_SLOTS = 100
-_MARKERS = {
-    Decision.USED: rr.components.MarkerShape.Circle,
-    Decision.REJECTED: rr.components.MarkerShape.Cross,
-    Decision.INFLATED: rr.components.MarkerShape.Up,
-    Decision.REFUSED: rr.components.MarkerShape.Asterisk,
-}
-_SIZES = {Decision.USED: 2.0, Decision.REJECTED: 5.0, Decision.INFLATED: 5.0, Decision.REFUSED: 5.0}
+_MARKERS = {Decision.REJECTED: "cross", Decision.INFLATED: "up"}
 STATES = {Decision.NONE: "no reading", Decision.USED: "used", Decision.LOST: "lost", Decision.INFLATED: "inflated", Decision.REJECTED: "rejected",
           Decision.REFUSED: "refused by the model"}
 _LEVELS = {Decision.REJECTED: "WARN", Decision.INFLATED: "INFO", Decision.REFUSED: "ERROR"}
@@ -68,15 +62,16 @@ class TrackingRecorder:
                 self._marked(f"gate_ratio/{path}/together", f"all readings at {path.replace('/', ' ')}", batch, together[:, e], beyond, colours.TRUTH)
 
     def _marked(self, path: str, name: str, batch: Batch, ratio: np.ndarray, decided: np.ndarray, colour: int) -> None:
+        """All that were judged, and again those that were not used as they were: the viewer does not change the markers of a series over time."""
         at = np.flatnonzero(ratio > 0.0)
         if not len(at):
             return
-        kinds = [Decision(d) if Decision(d) in _MARKERS else Decision.USED for d in decided[at]]
-        paint = np.array([colour if kind == Decision.USED else colours.DECISIONS[STATES[kind]] for kind in kinds], dtype=np.uint32)
-        times = self._clock.times(batch, at)
-        self._series.points(path, times, ratio[at], names=name)
-        style = rr.SeriesPoints.columns(colors=paint, markers=[_MARKERS[kind] for kind in kinds], marker_sizes=[_SIZES[kind] for kind in kinds])
-        self._series.rec.send_columns(path, times, style)
+        self._series.points(path, self._clock.times(batch, at), ratio[at], names=name, colors=colour, markers="circle", marker_sizes=2.0)
+        for kind, marker in _MARKERS.items():
+            some = at[decided[at] == kind]
+            if len(some):
+                style = {"names": f"{name}: {STATES[kind]}", "colors": colours.DECISIONS[STATES[kind]], "markers": marker, "marker_sizes": 5.0}
+                self._series.points(f"{path}/{STATES[kind]}", self._clock.times(batch, some), ratio[some], **style)
 
     def _decisions(self, batch: Batch, decided: np.ndarray) -> None:
         """What became of each sensor's reading, where it changes."""
@@ -106,7 +101,8 @@ class TrackingRecorder:
             kind, e, node = Decision(decided[t, i]), self._slots.estimator[i], self._slots.node[i]
             alone, together = batch.gate_ratio[t, self._slots.at[i]], batch.gate_stacked_ratio[t, e]
             how = "" if kind == Decision.REFUSED else f", test ratio {alone:.3g}" if alone > 1.0 else f" with the others, test ratio {together:.3g}"
-            where = "" if self._header.central else f" at {self._paths[e].replace('/', ' ')}"
+            own = self._header.central or self._header.estimator_nodes[e] == node
+            where = "" if own else f" at {self._paths[e].replace('/', ' ')}"
             fault = ", faulty" if batch.faulty[t, node] else ""
             texts.append(f"reading of node {node}{where}: {STATES[kind]}{how}{fault}")
             levels.append(_LEVELS[kind])

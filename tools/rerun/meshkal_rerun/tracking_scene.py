@@ -9,7 +9,7 @@ from . import colours
 from . import tracking_numbers as numbers
 from .reader import Batch, Decision, Header
 from .scenario import Scenario, positions_of
-from .scene import Scene, send_trail
+from .scene import ELLIPSOIDS, Scene, send_trail
 from .tracking_recording import STATES
 
 LIMITS = "scene/range_limits"
@@ -27,8 +27,11 @@ class TrackingScene(Scene):
         self._first_row = np.concatenate([[0], np.cumsum(header.rows)])
         self._trail = np.zeros((0, 3), dtype=np.float32)
         super().__init__(rec, header, scenario, names, node_colours)
-        self._style("scene/measuring", rr.Points3D, radii=-7.0)
-        self._style("scene/readings", rr.LineStrips3D, radii=-1.2)
+        # Lines only: the area of an estimate that knows little would cover the scene.
+        self._style(ELLIPSOIDS, rr.Ellipsoids3D, fill_mode="majorwireframe")
+        if scenario.node_positions_m is not None:
+            self._style("scene/measuring", rr.Points3D, radii=-7.0)
+            self._style("scene/readings", rr.LineStrips3D, radii=-1.2)
         self._style("scene/estimate_trail", rr.LineStrips3D, colors=colours.MEDIAN, radii=-1.0)
 
     def _sensors(self, header: Header, scenario: Scenario) -> None:
@@ -64,7 +67,7 @@ class TrackingScene(Scene):
     def batch(self, times: list, batch: Batch) -> None:
         super().batch(times, batch)
         estimates = positions_of(batch.estimate, self._scenario.position_states)
-        middle = _mean(estimates)
+        middle = numbers.middle(estimates)
         self._estimate_trail(times, middle)
         if self._scenario.node_positions_m is None:
             return
@@ -126,11 +129,3 @@ class TrackingScene(Scene):
         radii = (-0.6 - 1.2 * share[at, link]).astype(np.float32)
         columns = rr.LineStrips3D.columns(strips=strips, colors=painted, radii=radii).partition(lit.sum(axis=1))
         self._rec.send_columns("scene/messages", times, columns)
-
-
-def _mean(estimates: np.ndarray) -> np.ndarray:
-    """Of the finite positions (T, E, 3) in each step; NaN where there is none."""
-    known = np.isfinite(estimates).all(axis=2)
-    total = np.where(known[:, :, None], estimates, 0.0).sum(axis=1, dtype=np.float64)
-    count = known.sum(axis=1)[:, None]
-    return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)

@@ -35,7 +35,6 @@ class TrackingSummary(Summary):
         self._first_s: float | None = None
         self._last_s = 0.0
         self._apart: float | None = None
-        self.compared: list[tuple[str, str]] = []  # further rows of the result
 
     def batch(self, batch: Batch, quantities: dict, network: dict, fault_entries: int) -> None:
         super().batch(batch, quantities, network, fault_entries)
@@ -79,7 +78,7 @@ class TrackingSummary(Summary):
             rows.append(("RMS error, all states and instants", db(self._squares.sum() / self._known.sum())))
         else:
             rows.append(("error", "no truth in the log"))
-        rows += self.compared
+        rows += self.more
         if self._nees_known:
             low, high = self._band
             rows.append((f"mean NEES (an exact filter: {self._header.states})", f"{self._nees / self._nees_known:.3g}"))
