@@ -4,6 +4,7 @@
 #include <meshkal/base.h>
 #include <meshkal/consensus.h>
 #include <meshkal/duif.h>
+#include <meshkal/extended.h>
 #include <meshkal/frame.h>
 #include <meshkal/gamma.h>
 #include <meshkal/node.h>
@@ -20,6 +21,8 @@ namespace {
 
 MK_RKFD(shared_f32, f32, 2, 1, 1);
 MK_RKFD(shared_f64, f64, 2, 1, 1);
+MK_EXTENDED(shared_f32, f32, 2, 1, 1);
+MK_EXTENDED(shared_f64, f64, 2, 1, 1);
 MK_RKFD_UNROLLED(unrolled_f32, f32, 2, 1, 1);
 MK_RKFD_UNROLLED(unrolled_f64, f64, 2, 1, 1);
 MK_NODE(node_f32, f32, 2, 1, 1);
@@ -56,6 +59,32 @@ template <typename T> struct constants {
         good = good && name##_estimate(&filter)[0] > 0 && name##_covariance(&filter, V) == MK_OK && V[0] > 0;                  \
         good = good && name##_set_tolerance(&filter, 0) == MK_OK && name##_restart(&filter, k.x0, k.P0) == MK_OK;              \
         return good;                                                                                                           \
+    }()
+
+#define EXTENDED(name, real)                                                                                                   \
+    [] {                                                                                                                       \
+        static constants<mk_##real##_t> k;                                                                                     \
+        static name##_t filter;                                                                                                \
+        const mk_##real##_t z[1] = {2};                                                                                        \
+        const mk_model_##real##_t sees = {[](const void *, mk_##real##_t, int, const mk_##real##_t *x, mk_##real##_t *y) {     \
+                                              y[0] = x[0];                                                                     \
+                                              return MK_OK;                                                                    \
+                                          },                                                                                   \
+                                          [](const void *, mk_##real##_t, const mk_##real##_t *, mk_##real##_t *J) {           \
+                                              J[0] = 1;                                                                        \
+                                              J[1] = 0;                                                                        \
+                                              return MK_OK;                                                                    \
+                                          },                                                                                   \
+                                          nullptr, nullptr};                                                                   \
+        const mk_sensor_##real##_t sensor = {sees, k.R, 1};                                                                    \
+        static mk_##real##_t A[4], Q[3];                                                                                       \
+        const mk_transition_##real##_t transition = {{nullptr, nullptr, nullptr, nullptr}, k.A, k.Q};                          \
+        const name##_extended_t model = {&transition, &sensor, A, Q, k.C, k.F, k.S, k.R_inverse};                              \
+        const name##_config_t config = {2,      1,   1,   A,   Q,   nullptr,     k.x0,                 k.P0, k.weight,         \
+                                        k.rows, k.C, k.F, k.S, k.R_inverse, mk_##real##_t(0.02), nullptr};                     \
+        return name##_start(&filter, &config) == MK_OK && name##_observe(&filter, &model, 0, z) == MK_OK &&                    \
+               name##_correct(&filter, &model) == MK_OK && name##_diffuse(&filter) == MK_OK && name##_estimate(&filter)[0] == 1 && \
+               name##_propagate(&filter, &model, 1, nullptr) == MK_OK && filter.core.theta > 0;                                \
     }()
 
 #define NODE(name, real)                                                                                                       \
@@ -154,6 +183,7 @@ template <typename T> bool gamma(int (*root)(int, const T *, T, T *, T *), int (
 
 int main() {
     const bool good = STEP(shared_f32, f32) && STEP(shared_f64, f64) && STEP(unrolled_f32, f32) && STEP(unrolled_f64, f64) &&
+                      EXTENDED(shared_f32, f32) && EXTENDED(shared_f64, f64) &&
                       NODE(node_f32, f32) && NODE(node_f64, f64) && NODE(quick_f32, f32) && NODE(quick_f64, f64) &&
                       CONSENSUS(consensus_f32, f32) && CONSENSUS(consensus_f64, f64) && DUIF(duif_f32, f32) && DUIF(duif_f64, f64) &&
                       gamma<float>(mk_gamma_root_f32, mk_gamma_f32) && gamma<double>(mk_gamma_root_f64, mk_gamma_f64) &&
