@@ -14,7 +14,8 @@ WARNINGS = -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wvla -Wmissi
 CFLAGS   = -std=c99 $(OPTIMISE) -g $(ARITHMETIC) $(WARNINGS)
 INCLUDE  = -Iinclude -Isrc
 HOST_INCLUDE = $(INCLUDE) -Iport/host -Itools/meshkal -D_POSIX_C_SOURCE=200809L
-HOST_LIBS = -pthread -llapacke -ljansson -lcbor -lsodium -lm
+# Own models, loaded, may call the library.
+HOST_LIBS = -rdynamic -pthread -ldl -llapacke -ljansson -lcbor -lsodium -lm
 
 LIBRARY  = $(BUILD)/libmeshkal.a
 PROGRAM  = $(BUILD)/meshkal
@@ -67,6 +68,12 @@ $(LIBRARY): $(BUILD)/src/meshkal/meshkal.o
 $(PROGRAM): $(HOST_OBJECTS) $(LIBRARY)
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $^ $(HOST_LIBS) -o $@
+
+# The example of own models, as users compile theirs.
+all: $(BUILD)/own_models.so
+$(BUILD)/own_models.so: $(wildcard tools/meshkal/examples/*) port/host/meshkal/plugin.h $(wildcard include/meshkal/*.h) | $(SETUP)
+	@echo "  LD $@"
+	@$(CC) $(CFLAGS) -shared -fPIC $(HOST_INCLUDE) tools/meshkal/examples/own_models.c -o $@
 
 # The same program for many processes. The wrapper of Open MPI knows where its headers and libraries are.
 MPI_PROGRAM = $(BUILD)/meshkal-mpi

@@ -7,6 +7,7 @@
 
 #include "first_error.h"
 #include "parallel.h"
+#include "scenario_tracking.h"
 
 /* Nodes whose C and R share a block. */
 enum { TOGETHER = 1024 };
@@ -22,38 +23,54 @@ typedef struct {
     mk_first_error_t first;
 } nodes_t;
 
-static int read_position(mk_reader_t *reader, json_t *position, const char *at, mk_sensor_t *sensor) {
+int mk_read_position(mk_reader_t *reader, json_t *position, const char *at, int dimensions, mk_sensor_t *sensor) {
     char place[80];
     (void)snprintf(place, sizeof place, "%s.position_m", at);
     const size_t count = json_is_array(position) ? json_array_size(position) : 0;
+    if (dimensions > 0 && count != (size_t)dimensions) return mk_read_bad(reader, place, "must be %d numbers, as the states have", dimensions);
     if (count != 2 && count != 3) return mk_read_bad(reader, place, "must be 2 or 3 numbers");
     sensor->position_count = (int)count;
     return mk_read_vector(reader, position, place, (int)count, sensor->position_m);
 }
 
-/* room: what the block holds, in numbers; used: by nodes so far. C and R are places in the block, not yet addresses. */
-static int read_node(mk_reader_t *reader, json_t *node, const char *at, int n, mk_sensor_t *sensor, double **block, size_t *room, size_t *used) {
+/* Rows of a linear sensor, C and R as they stand; -1 and an error. */
+static int read_linear(mk_reader_t *reader, json_t *node, const char *at, mk_sensor_t *sensor, json_t **C, json_t **R) {
     char place[80];
-    if (!mk_read_keys(reader, node, at, node_keys)) return 0;
-    json_t *C = mk_read_member(reader, node, at, "C", 1), *R = mk_read_member(reader, node, at, "R", 1);
-    if (!C || !R) return 0;
+    if (!mk_read_keys(reader, node, at, node_keys)) return -1;
+    *C = mk_read_member(reader, node, at, "C", 1);
+    *R = *C ? mk_read_member(reader, node, at, "R", 1) : NULL;
+    if (!*R) return -1;
     (void)snprintf(place, sizeof place, "%s.C", at);
-    if (!json_is_array(C) || json_array_size(C) == 0) return mk_read_bad(reader, place, "must be an array of rows");
-    if (json_array_size(C) > MK_LARGEST_STATE)
-        return mk_read_bad(reader, place, "has %zu rows; at most %d", json_array_size(C), MK_LARGEST_STATE);
-    const int rows = sensor->rows = (int)json_array_size(C);
-    const size_t needed = *used + (size_t)(rows * n + rows * (rows + 1) / 2);
+    if (!json_is_array(*C) || json_array_size(*C) == 0) return mk_read_bad(reader, place, "must be an array of rows") - 1;
+    if (json_array_size(*C) > MK_LARGEST_STATE)
+        return mk_read_bad(reader, place, "has %zu rows; at most %d", json_array_size(*C), MK_LARGEST_STATE) - 1;
+    json_t *position = json_object_get(node, "position_m");
+    if (position && !mk_read_position(reader, position, at, 0, sensor)) return -1;
+    return (int)json_array_size(*C);
+}
+
+/* room: what the block holds, in numbers; used: by nodes so far. C and R are places in the block, not yet addresses. */
+static int read_node(mk_reader_t *reader, json_t *node, const char *at, const mk_scenario_t *s, long k, double **block, size_t *room, size_t *used) {
+    char place[80];
+    mk_sensor_t *sensor = &s->sensor[k];
+    json_t *C = NULL, *R = NULL;
+    const int rows = s->tracking ? mk_read_tracking_node(reader, node, at, s->tracking, sensor, &s->tracking->node[k], &R)
+                                 : read_linear(reader, node, at, sensor, &C, &R);
+    if (rows < 0) return 0;
+    sensor->rows = rows;
+    const int width = C ? rows * s->n : 0;
+    const size_t needed = *used + (size_t)(width + rows * (rows + 1) / 2);
     if (needed > *room) {
         double *larger = realloc(*block, (*room = 2 * needed) * sizeof *larger);
         if (!larger) return mk_fail(reader->error, "%s: too large for memory", reader->path);
         *block = larger;
     }
-    if (!mk_read_matrix(reader, C, place, rows, n, *block + *used)) return 0;
+    (void)snprintf(place, sizeof place, "%s.C", at);
+    if (C && !mk_read_matrix(reader, C, place, rows, s->n, *block + *used)) return 0;
     place[strlen(place) - 1] = 'R';
-    if (!mk_read_symmetric(reader, R, place, rows, 1, *block + *used + rows * n)) return 0;
+    if (R && !mk_read_symmetric(reader, R, place, rows, 1, *block + *used + width)) return 0;
     *used = needed;
-    json_t *position = json_object_get(node, "position_m");
-    return !position || read_position(reader, position, at, sensor);
+    return 1;
 }
 
 static void read_some(void *context, int worker, long index) {
@@ -70,7 +87,7 @@ static void read_some(void *context, int worker, long index) {
         char at[64];
         (void)snprintf(at, sizeof at, "nodes[%ld]", k);
         json_t *node = mk_element(nodes->elements, (size_t)k);
-        const int good = node && read_node(&reader, node, at, s->n, &s->sensor[k], &block, &room, &used);
+        const int good = node && read_node(&reader, node, at, s, k, &block, &room, &used);
         json_decref(node);
         if (good) continue;
         mk_first_error_put(&nodes->first, k, &error);
@@ -80,9 +97,9 @@ static void read_some(void *context, int worker, long index) {
     s->block[index] = block = smaller ? smaller : block;
     for (long k = begin; k < end && block; k++) {
         mk_sensor_t *sensor = &s->sensor[k];
-        sensor->C = block;
-        sensor->R = block + sensor->rows * s->n;
-        block += sensor->rows * s->n + sensor->rows * (sensor->rows + 1) / 2;
+        sensor->C = s->tracking ? NULL : block;
+        sensor->R = block + (s->tracking ? 0 : sensor->rows * s->n);
+        block = sensor->R + sensor->rows * (sensor->rows + 1) / 2;
     }
 }
 
@@ -92,6 +109,7 @@ int mk_read_nodes(mk_reader_t *reader, json_t *root, const mk_elements_t *elemen
     if (elements->count > LARGEST) return mk_read_bad(reader, "nodes", "has %zu nodes; at most %d", elements->count, LARGEST);
     s->nodes = (int)elements->count;
     s->sensor = mk_allocate((size_t)s->nodes, sizeof *s->sensor);
+    if (s->tracking) s->tracking->node = mk_allocate((size_t)s->nodes, sizeof *s->tracking->node);
     s->blocks = (s->nodes + TOGETHER - 1) / TOGETHER;
     s->block = mk_allocate((size_t)s->blocks, sizeof *s->block);
     nodes_t nodes = {.reader = reader, .elements = elements, .scenario = s};

@@ -58,6 +58,44 @@ int mk_read_number(mk_reader_t *reader, json_t *value, const char *key, double *
     return isfinite(*number) ? 1 : mk_read_bad(reader, key, "must be finite");
 }
 
+int mk_read_word(mk_reader_t *reader, json_t *value, const char *key, const char *const *words) {
+    const char *text = json_string_value(value);
+    char message[300] = "must be";
+    for (int i = 0; words[i]; i++) {
+        if (text && strcmp(text, words[i]) == 0) return i;
+        const size_t used = strlen(message);
+        (void)snprintf(message + used, sizeof message - used, "%s\"%s\"", i == 0 ? " " : words[i + 1] ? ", " : " or ", words[i]);
+    }
+    (void)mk_read_bad(reader, key, "%s", message);
+    return -1;
+}
+
+int mk_read_between(mk_reader_t *reader, json_t *object, const char *key, const char *name, double least, double most, const char *must,
+                    double *number) {
+    json_t *value = json_object_get(object, name);
+    if (!value) return 1;
+    const double given = json_is_number(value) ? json_number_value(value) : (double)NAN;
+    if (given >= least && given <= most) {
+        *number = given;
+        return 1;
+    }
+    char place[160];
+    (void)snprintf(place, sizeof place, "%.80s%s%s", key, *key ? "." : "", name);
+    return mk_read_bad(reader, place, "must be %s", must);
+}
+
+int mk_read_integer(mk_reader_t *reader, json_t *object, const char *key, const char *name, int least, int most, int *number) {
+    json_t *value = json_object_get(object, name);
+    if (!value) return 1;
+    if (json_is_integer(value) && json_integer_value(value) >= least && json_integer_value(value) <= most) {
+        *number = (int)json_integer_value(value);
+        return 1;
+    }
+    char place[160];
+    (void)snprintf(place, sizeof place, "%.80s%s%s", key, *key ? "." : "", name);
+    return mk_read_bad(reader, place, "must be an integer from %d to %d", least, most);
+}
+
 /* Places are spelled out for complaints only: a million nodes have many entries. row < 0: a vector. */
 static int read_row(mk_reader_t *reader, json_t *value, const char *key, int row, int count, double *numbers) {
     char place[160];

@@ -26,6 +26,12 @@ json_t *mk_read_member(mk_reader_t *reader, json_t *object, const char *key, con
 
 /* A finite number. jansson itself refuses numbers beyond the range of double. */
 int mk_read_number(mk_reader_t *reader, json_t *value, const char *key, double *number);
+/* Index of a string in a null-terminated list; -1 and an error that lists them. */
+int mk_read_word(mk_reader_t *reader, json_t *value, const char *key, const char *const *words);
+/* Members of the object at `key` that may be missing, which leaves *number as it is. 1, or 0 and an error: `must` says what it must be. */
+int mk_read_between(mk_reader_t *reader, json_t *object, const char *key, const char *name, double least, double most, const char *must,
+                    double *number);
+int mk_read_integer(mk_reader_t *reader, json_t *object, const char *key, const char *name, int least, int most, int *number);
 /* `count` numbers, and matrices by rows, into places that have room for them. 1, or 0 and an error. */
 int mk_read_vector(mk_reader_t *reader, json_t *value, const char *key, int count, double *vector);
 int mk_read_matrix(mk_reader_t *reader, json_t *value, const char *key, int rows, int columns, double *matrix);

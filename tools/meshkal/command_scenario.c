@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* Random draws of the published example (spec 1.9). */
+/* Scenarios to standard output: random draws of the published example (spec 1.9), and those of tracking. */
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
@@ -9,6 +9,7 @@
 #include "commands.h"
 #include "json_out.h"
 #include "random.h"
+#include "scenario_published.h"
 
 enum { TRIES = 1000 };
 
@@ -203,18 +204,21 @@ static void print_scenario(const draw_t *d, uint64_t seed, mk_random_t *random) 
 
 int mk_command_scenario(int argc, char **argv) {
     mk_error_t error;
-    const char *nodes_text = NULL, *seed_text = NULL, *density_text = NULL, *kind;
-    const mk_option_t options[] = {{"nodes", &nodes_text, NULL}, {"seed", &seed_text, NULL}, {"density", &density_text, NULL}, {NULL, NULL, NULL}};
+    const char *nodes_text = NULL, *seed_text = NULL, *density_text = NULL, *limit_text = NULL, *kind;
+    const mk_option_t options[] = {{"nodes", &nodes_text, NULL}, {"seed", &seed_text, NULL}, {"density", &density_text, NULL},
+                                   {"range-limit", &limit_text, NULL}, {NULL, NULL, NULL}};
     long long nodes = 20, seed = 1;
-    double density = 5.0;
+    double density = 5.0, limit = 0.0;
     if (!mk_parse_options(argc, argv, options, "the kind of scenario", &kind, &error) ||
         !mk_option_integer("nodes", nodes_text, 2, 10000000, &nodes, &error) || !mk_option_integer("seed", seed_text, 0, INT64_MAX, &seed, &error) ||
-        !mk_option_real("density", density_text, 1.0, 1e6, &density, &error))
+        !mk_option_real("density", density_text, 1.0, 1e6, &density, &error) || !mk_option_real("range-limit", limit_text, 1e-3, 1e9, &limit, &error))
         return mk_complain(&error, MK_EXIT_INPUT);
-    if (strcmp(kind, "projectile") != 0) {
-        (void)mk_fail(&error, "scenario %s: the only kind is projectile", kind);
+    const int projectile = strcmp(kind, "projectile") == 0;
+    if (projectile ? limit_text != NULL : nodes_text || density_text) {
+        (void)mk_fail(&error, "scenario %s: --%s is for another kind", kind, projectile ? "range-limit" : nodes_text ? "nodes" : "density");
         return mk_complain(&error, MK_EXIT_INPUT);
     }
+    if (!projectile) return mk_print_published(kind, (unsigned long long)seed, limit, &error) ? 0 : mk_complain(&error, MK_EXIT_INPUT);
     draw_t d;
     memset(&d, 0, sizeof d);
     d.nodes = (int)nodes;

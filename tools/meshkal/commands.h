@@ -14,6 +14,7 @@ int mk_command_analyze(int argc, char **argv);
 int mk_command_fit(int argc, char **argv);
 int mk_command_scenario(int argc, char **argv);
 int mk_command_replay(int argc, char **argv);
+int mk_command_draw(int argc, char **argv);
 
 enum { MK_EXIT_FAILED = 1, MK_EXIT_INPUT = 2 };
 

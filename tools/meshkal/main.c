@@ -37,7 +37,13 @@ static const char simulate_help[] =
     "    --record DIR         a record of every node in the first run, for meshkal replay and for firmware\n"
     "    --json FILE          summary for programs\n"
     "    --threads N          (default: all cores)\n"
-    "    --resume FILE        complete runs are kept there; a later call goes on, also to more runs\n";
+    "    --resume FILE        complete runs are kept there; a later call goes on, also to more runs\n"
+    "  of a tracking scenario (its model has \"motion\"): --steps --seed --runs --real --loss --measurements --truth FILE.csv --out --json --threads and\n"
+    "    --filter F           central: ekf ukf iukf iukf-literal pukf mpukf, one in each node: duif kcf rekfd (default ukf), or all\n"
+    "    --models FILE.so     own models, see meshkal/plugin.h\n"
+    "    --from-step K        first step of RMSE, NEES and NIS, from 1 (default: the second half)\n"
+    "    --lost-m D           count runs that end with a position error above D metres\n"
+    "    --increments N --rule R --gate P|none --protocol C --iterations L --tolerance C    instead of the scenario's\n";
 
 static const char analyze_help[] =
     "meshkal analyze SCENARIO.json [options]     error of every filter when the model errs as badly as c allows, by covariances\n"
@@ -61,7 +67,20 @@ static const char fit_help[] =
 static const char scenario_help[] =
     "meshkal scenario projectile [options]       a random draw of the published example, to standard output\n"
     "    --nodes N --seed S   (default 20 nodes, seed 1)\n"
-    "    --density D          mean number of neighbours, the node itself included (default 5)\n";
+    "    --density D          mean number of neighbours, the node itself included (default 5)\n"
+    "meshkal scenario incomplete-measurements    a target and three ranges that fail, as published; to standard output\n"
+    "meshkal scenario distributed-unscented      a target and three linked ranges, as published; to standard output\n"
+    "    --range-limit R      metres that its sensors reach (default: all)\n"
+    "    Both: --seed S\n";
+
+static const char draw_help[] =
+    "meshkal draw SCENARIO.json [options]        truth and readings of one run of a tracking scenario, as CSV files\n"
+    "    --measurements FILE.csv  columns t,node,row,value, t in seconds\n"
+    "    --truth FILE.csv     columns t,state,value\n"
+    "    --steps T --seed S   instead of the scenario's\n"
+    "    --run R              number of the run, from 0 (default 0)\n"
+    "    --models FILE.so     own models, see meshkal/plugin.h\n"
+    "    --json FILE          initial estimate, counts and faults for programs\n";
 
 static const char replay_help[] =
     "meshkal replay RECORD [options]             run a node again from its record and compare every bit\n"
@@ -84,6 +103,7 @@ static const struct {
     {"analyze", analyze_help, mk_command_analyze},
     {"fit", fit_help, mk_command_fit},
     {"scenario", scenario_help, mk_command_scenario},
+    {"draw", draw_help, mk_command_draw},
     {"replay", replay_help, mk_command_replay},
 };
 enum { COMMANDS = sizeof command / sizeof command[0] };

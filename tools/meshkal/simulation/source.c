@@ -8,34 +8,10 @@
 
 #include "design/design.h"
 #include "parallel.h"
+#include "simulation/gaussian.h"
 
 /* Readings that a thread draws at once. */
 enum { CHUNK = 1024 };
-
-/* Lower triangular L with L L' = S, packed, S positive semidefinite: a pivot lost in rounding gives a zero column. */
-static void make_root(int n, const double *S, double *L) {
-    for (int i = 0; i < n; i++) {
-        double *row = L + i * (i + 1) / 2;
-        for (int j = 0; j <= i; j++) {
-            const double *other = L + j * (j + 1) / 2;
-            double sum = S[i * (i + 1) / 2 + j];
-            for (int k = 0; k < j; k++) sum -= row[k] * other[k];
-            if (j < i) row[j] = other[j] > 0.0 ? sum / other[j] : 0.0;
-            else row[i] = sum > 1e-14 * S[i * (i + 1) / 2 + i] ? sqrt(sum) : 0.0;
-        }
-    }
-}
-
-/* target += L g, g standard normal. */
-static void add_normal(mk_random_t *random, int n, const double *L, double *target) {
-    double g[64];
-    for (int i = 0; i < n; i++) g[i] = mk_random_normal(random);
-    for (int i = 0; i < n; i++) {
-        double sum = target[i];
-        for (int j = 0; j <= i; j++) sum += L[i * (i + 1) / 2 + j] * g[j];
-        target[i] = sum;
-    }
-}
 
 /* target += M v, M rows x columns. */
 static void add_product(int rows, int columns, const double *M, const double *v, double *target) {
@@ -65,12 +41,12 @@ void mk_source_draw(mk_source_t *source, const mk_scenario_t *s, uint64_t seed) 
     source->has_truth = 1;
     source->root_P0 = mk_allocate((size_t)MK_PACKED(s->n), 2 * sizeof *source->root_P0);
     source->root_Q = source->root_P0 + MK_PACKED(s->n);
-    make_root(s->n, s->P0, source->root_P0);
-    make_root(s->n, s->Q, source->root_Q);
+    mk_gaussian_root(s->n, s->P0, source->root_P0);
+    mk_gaussian_root(s->n, s->Q, source->root_Q);
     source->root_first = mk_allocate((size_t)s->nodes + 1, sizeof *source->root_first);
     for (int k = 0; k < s->nodes; k++) source->root_first[k + 1] = source->root_first[k] + (size_t)MK_PACKED(s->sensor[k].rows);
     source->root_R = mk_allocate(source->root_first[s->nodes], sizeof *source->root_R);
-    for (int k = 0; k < s->nodes; k++) make_root(s->sensor[k].rows, s->sensor[k].R, source->root_R + source->root_first[k]);
+    for (int k = 0; k < s->nodes; k++) mk_gaussian_root(s->sensor[k].rows, s->sensor[k].R, source->root_R + source->root_first[k]);
 }
 
 int mk_source_draw_worst(mk_source_t *source, const mk_scenario_t *s, uint64_t seed, double tolerance, int horizon, mk_error_t *error) {
@@ -136,7 +112,7 @@ static void draw_start(mk_stream_t *stream, int run) {
     mk_random_t random;
     memcpy(stream->x, s->x0, (size_t)s->n * sizeof *stream->x);
     mk_random_start(&random, source->seed, (uint32_t)run, 0, 0, MK_DRAW_INITIAL);
-    add_normal(&random, s->n, source->root_P0, stream->x);
+    mk_gaussian_add(&random, s->n, source->root_P0, stream->x);
     for (int i = 0; i < s->n; i++) stream->e[i] = stream->x[i] - s->x0[i];
     memset(stream->w, 0, 3 * (size_t)s->n * sizeof *stream->w); /* w, g, bias */
     memset(stream->sum, 0, (size_t)s->n * sizeof *stream->sum);
@@ -149,7 +125,7 @@ static void draw_state(mk_stream_t *stream, int run, int t) {
     const int n = s->n;
     mk_random_t random;
     mk_random_start(&random, source->seed, (uint32_t)run, 0, (uint32_t)t - 1, MK_DRAW_PROCESS);
-    add_normal(&random, n, source->root_Q, stream->w);
+    mk_gaussian_add(&random, n, source->root_Q, stream->w);
     for (int i = 0; i < n; i++) {
         stream->next[i] = s->input[i] + stream->w[i];
         stream->e[i] += stream->w[i];
@@ -180,7 +156,7 @@ static void draw_some_readings(void *context, int worker, long index) {
         mk_random_t random;
         memset(y, 0, (size_t)sensor->rows * sizeof *y);
         mk_random_start(&random, source->seed, (uint32_t)readings->run, (uint32_t)k, (uint32_t)readings->t, MK_DRAW_MEASUREMENT);
-        add_normal(&random, sensor->rows, source->root_R + source->root_first[k], y);
+        mk_gaussian_add(&random, sensor->rows, source->root_R + source->root_first[k], y);
         for (int r = 0; F && r < sensor->rows; r++)
             for (int j = 0; j < n; j++) mk_exact_add(&sum[j], F[r * n + j] * y[r]);
         add_product(sensor->rows, n, sensor->C, stream->next, y);
