@@ -18,7 +18,14 @@ static const char design_help[] =
     "    --c-max none|central|all   guaranteed tolerances (default: all up to 200 nodes, else central)\n"
     "    --covariances        P and V of every node into the JSON file, above 10 000 nodes, too\n"
     "    --threads N          (default: all cores)\n"
-    "    --allow-unobservable     go on when a node does not see all states\n";
+    "    --allow-unobservable     go on when a node does not see all states\n"
+    "of a scenario that tracks a target: convergence and speed of consensus on its graph, observability along a trajectory\n"
+    "    --json --threads --allow-unobservable    as above; the last: exit status 0 though the network cannot work\n"
+    "    --truth FILE.csv     along this one, columns t,state,value, instead of the mean trajectory from x0\n"
+    "    --window W           steps over which information is collected (default 10)\n"
+    "    --condition LIMIT    of the information's condition number, for warnings (default 1e8)\n"
+    "    --runs M             drawn trajectories, in which sensors in range are counted (default 100, fewer if they are long)\n"
+    "    --models FILE.so     own models (port/host/meshkal/plugin.h)\n";
 
 static const char simulate_help[] =
     "meshkal simulate SCENARIO.json [options]    run the node code as a network\n"
