@@ -237,14 +237,15 @@ TAMPERED = [
 @pytest.mark.parametrize(("text", "name", "change"), TAMPERED, ids=[t[0] for t in TAMPERED])
 def test_every_property_can_fail(copy, text, name, change):
     from local_tolerance.draws import load
-    from local_tolerance.properties import MUST, evaluate
+    from local_tolerance.properties import PROPERTIES
+    from statements import MUST, evaluate
 
     seeds = range(SEEDS[0], SEEDS[-1] + 1)
 
     def failed():
         draws, errors = load(copy, seeds)
         assert not errors
-        return {o.property.text: o.failed for o in evaluate(draws) if o.property.kind == MUST}
+        return {o.property.text: o.failed for o in evaluate(PROPERTIES, draws) if o.property.kind == MUST}
 
     assert failed()[text] == []
     doctor(copy, 16, name, change)

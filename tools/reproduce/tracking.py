@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: MIT
+"""What the tracking experiments share: their summaries, whether a covariance tells the truth, shares of counts."""
+
+import math
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+from seeds import read_json
+
+STATES = 4
+CONFIDENCE = 0.95
+
+
+def summary(path: Path) -> dict[str, dict]:
+    """Filters of a summary by name."""
+    return {item["filter"]: item for item in read_json(path)["filters"]}
+
+
+def interval(values: Iterable[float]) -> tuple[float, float]:
+    """Mean of independent batches and the half width of its 95 % confidence interval (Student); one batch has none."""
+    array = np.array(list(values))
+    if len(array) < 2:
+        return float(array.mean()), math.inf
+    half = stats.t.ppf(0.5 + CONFIDENCE / 2, len(array) - 1) * array.std(ddof=1) / math.sqrt(len(array))
+    return float(array.mean()), float(half)
+
+
+def share(hits: float, total: float) -> tuple[float, float]:
+    """95 % confidence interval of a probability (Clopper and Pearson) of which `hits` of `total` were seen."""
+    tail = (1.0 - CONFIDENCE) / 2
+    low = stats.beta.ppf(tail, hits, total - hits + 1) if hits > 0 else 0.0
+    high = stats.beta.ppf(1.0 - tail, hits + 1, total - hits) if hits < total else 1.0
+    return float(low), float(high)
+
+
+def nees_verdict(items: list[dict]) -> list[str]:
+    """Mean over the batches of the NEES a state, its interval, steps in which the batch's mean is in its band, and what this says."""
+    mean, half = interval(item["nees"] / STATES for item in items)
+    inside = float(np.median([item["nees_steps_inside"] for item in items]))
+    percent = 100.0 * (mean - 1.0)
+    if abs(mean - 1.0) <= half:
+        verdict = "consistent"
+    else:
+        verdict = f"over-confident by {percent:.2g} %" if percent > 0 else f"cautious by {-percent:.2g} %"
+    return [f"{mean:.4g}", f"{half:.2g}", f"{100.0 * inside:.0f} %", verdict]
+
+
+def pooled_log(items: list[dict], key: str) -> np.ndarray:
+    """ln of the mean of a mean square over all batches, over time, from its ln in each."""
+    return np.log(np.mean(np.exp([item[key] for item in items]), axis=0))
+
+
+def total(items: list[dict], name: str) -> float:
+    return float(sum(item["counts"][name] for item in items))
+
+
+Change = Callable[[dict], None]
+
+
+def settings(**changes: object) -> Change:
+    """Settings of the filters; of those that are objects themselves only what is named."""
+
+    def apply(scenario: dict) -> None:
+        tracking = scenario["tracking"]
+        for key, value in changes.items():
+            if isinstance(value, dict):
+                tracking[key] = tracking.get(key, {}) | value
+            elif value is None:
+                tracking.pop(key, None)
+            else:
+                tracking[key] = value
+
+    return apply
