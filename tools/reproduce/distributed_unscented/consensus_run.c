@@ -12,18 +12,20 @@
 
 enum { MOST_NODES = 16, MOST_ITERATIONS = 1000 };
 
-/* Columns of memory and stack are those of 1 number and MOST_NODES slots. */
+/* Memory for the most slots; the functions for dimensions known at run time take as many as a node has. */
 MK_CONSENSUS(consensus, f64, 1, MOST_NODES);
 
 typedef struct {
     consensus_t object;
     consensus_config_t config;
+    mk_consensus_view_f64_t view;
     uint16_t degree[MOST_NODES];
     int hears[MOST_NODES], measures;
     double value;
 } network_node_t;
 
 static network_node_t node[MOST_NODES];
+static double work[MK_CONSENSUS_WORK(1)];
 
 static int complain(const char *text) {
     (void)fprintf(stderr, "consensus-run: %s\n", text);
@@ -53,8 +55,9 @@ static mk_status_t start(int nodes, int iterations, uint8_t protocol) {
         self->config.protocol = protocol;
         for (int i = 0; i < self->config.slots; i++) self->degree[i] = (uint16_t)(node[self->hears[i]].config.slots - 1);
         self->config.degree = self->degree;
-        status = consensus_start(&self->object, &self->config);
-        if (status == MK_OK) status = consensus_begin(&self->object, &self->value, self->measures);
+        self->view = consensus_view(&self->object, work);
+        status = mk_consensus_start_f64(1, self->config.slots, &self->view, &self->config);
+        if (status == MK_OK) status = mk_consensus_begin_f64(1, &self->view, &self->value, self->measures);
     }
     return status;
 }
@@ -63,8 +66,8 @@ static mk_status_t iterate(int nodes, uint32_t iteration) {
     mk_status_t status = MK_OK;
     for (int k = 0; k < nodes; k++)
         for (int i = 1; i < node[k].config.slots && status == MK_OK; i++)
-            status = consensus_put(&node[k].object, i, iteration, consensus_message(&node[node[k].hears[i]].object));
-    for (int k = 0; k < nodes && status == MK_OK; k++) status = consensus_iterate(&node[k].object);
+            status = mk_consensus_put_f64(1, &node[k].view, i, iteration, consensus_message(&node[node[k].hears[i]].object));
+    for (int k = 0; k < nodes && status == MK_OK; k++) status = mk_consensus_iterate_f64(1, &node[k].view);
     return status;
 }
 
@@ -72,7 +75,7 @@ static mk_status_t iterate(int nodes, uint32_t iteration) {
 static void print(int nodes) {
     for (int k = 0; k < nodes; k++) {
         double mean;
-        if (consensus_average(&node[k].object, &mean) == MK_OK) (void)printf("%s%.17g", k ? " " : "", mean);
+        if (mk_consensus_average_f64(&node[k].view, &mean) == MK_OK) (void)printf("%s%.17g", k ? " " : "", mean);
         else (void)printf("%s-", k ? " " : "");
     }
     (void)puts("");
