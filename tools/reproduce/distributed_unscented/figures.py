@@ -16,7 +16,7 @@ from .properties import central_rmse, node_rmse
 # Of Okabe and Ito, told apart by the colour-blind.
 COLOUR = {"paper": "#d55e00", "perron": "#e69f00", "metropolis": "#0072b2", "ratio": "#009e73"}
 LABEL = {"paper": "paper's protocol", "perron": "paper's, scaled", "metropolis": "Metropolis", "ratio": "ratio"}
-_NODE = ("#0072b2", "#d55e00", "#009e73")
+_NODES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 
 
 def write(out: Path, batches: list[Batch]) -> None:
@@ -38,7 +38,7 @@ def nodes(batches: list[Batch]) -> Figure:
         for k in range(NODES):
             offset = i + 0.25 * (k - 1)
             spread = (np.arange(len(batches)) * 0.618034 % 1.0 - 0.5) * 0.14
-            axes.scatter(offset + spread, 100.0 * (ratios[:, k] - 1.0), s=16, color=_NODE[k], alpha=0.6, linewidths=0, label=f"node {k + 1}" if i == 0 else None)
+            axes.scatter(offset + spread, 100.0 * (ratios[:, k] - 1.0), s=16, color=_NODES[k], alpha=0.6, linewidths=0, label=f"node {k + 1}" if i == 0 else None)
     axes.axhspan(-1.0, 1.0, color="#bbbbbb", alpha=0.35, linewidth=0, label="within 1 %")
     axes.set_yscale("symlog", linthresh=1.0)
     axes.set_yticks([-100, -10, -1, 0, 1, 10, 100], ["\N{MINUS SIGN}100", "\N{MINUS SIGN}10", "\N{MINUS SIGN}1", "0", "1", "10", "100"])
@@ -64,7 +64,7 @@ def rmse(batches: list[Batch]) -> Figure:
         for variant, label, colour, dashes in curves:
             values = median(variant)
             axes.semilogy(np.arange(1, len(values) + 1), values, color=colour, linestyle=dashes, label=label)
-        axes.set(xlabel="step", ylabel="RMSE of the position, all nodes, m", title=title, xlim=(1, 80))
+        axes.set(xlabel="step", ylabel="RMSE of the position, all nodes, m", title=f"{title}, median of the batches", xlim=(1, len(values)))
         axes.legend(fontsize=10)
     return figure
 
@@ -116,20 +116,33 @@ def consensus(batch: Batch) -> Figure:
 
 
 def theorem(batch: Batch) -> Figure:
-    figure, (meet, broken) = plt.subplots(1, 2, sharey=True, figsize=(9.0, 4.8))
-    tones = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
-    for axes, converges, title in ((meet, True, "meet the theorem"), (broken, False, "break it")):
-        for graph, tone in zip([g for g in GRAPHS if g.converges == converges], tones):
-            curve = disagreement(batch.graphs[graph.title])
-            eigenvalue = graph.second_eigenvalue()
-            label = f"{graph.title}, |\N{GREEK SMALL LETTER LAMDA}$_2$| = {eigenvalue:.3f}"
-            axes.semilogy(np.maximum(curve, 1e-16), color=tone, label=label)
-            if converges and eigenvalue > 0.1:
-                # From an iteration in which the second eigenvector is what is left.
-                at = 30 if curve[30] > 1e-12 else 8
-                axes.semilogy(np.arange(ITERATIONS + 1), 2.0 * curve[at] * eigenvalue ** (np.arange(ITERATIONS + 1.0) - at), color="black", linestyle=(0, (4, 2)), linewidth=1.0)
-        axes.set(xlabel="iteration l", title=f"Graphs that {title}", xlim=(0, ITERATIONS), ylim=(1e-13, 3.0))
-        axes.legend(fontsize=8.5, loc="lower right" if not converges else "lower left")
-    meet.set_ylabel("largest distance between nodes, relative to the start")
-    figure.suptitle("The paper's protocol on random values; dashed: the second eigenvalue's slope", fontsize=12)
+    """Disagreement where the theorem is met; where it is not, what the nodes hold."""
+    meet = [graph for graph in GRAPHS if graph.converges]
+    broken = [graph for graph in GRAPHS if not graph.converges]
+    figure = plt.figure(figsize=(10.0, 5.2))
+    grid = figure.add_gridspec(2, 4)
+    axes = figure.add_subplot(grid[:, :2])
+    steps = np.arange(ITERATIONS + 1)
+    for graph, tone in zip(meet, ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")):
+        curve = disagreement(batch.graphs[graph.title])
+        eigenvalue = graph.second_eigenvalue()
+        axes.semilogy(steps, np.maximum(curve, 1e-16), color=tone, label=f"{graph.title}: {eigenvalue:.3f}")
+        if eigenvalue > 0.1:
+            # From an iteration in which the second eigenvector is what is left.
+            first = 10
+            axes.semilogy(steps[first:], 2.5 * curve[first] * eigenvalue ** (steps[first:] - first), color="black", linestyle=(0, (4, 2)), linewidth=1.0)
+    axes.set(xlabel="iteration l", ylabel="largest distance between nodes, relative", title="Graphs that meet the theorem", xlim=(0, ITERATIONS), ylim=(1e-13, 3.0))
+    axes.legend(title="second eigenvalue, its slope dashed", fontsize=9, title_fontsize=9, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.14))
+    shown = 12
+    for i, graph in enumerate(broken):
+        panel = figure.add_subplot(grid[i // 2, 2 + i % 2])
+        values = batch.graphs[graph.title][: shown + 1]
+        for k in range(values.shape[1]):
+            panel.plot(values[:, k], color=_NODES[k], linewidth=1.3, marker=".", markersize=5)
+        panel.set_title(graph.title.replace(", ", ",\n", 1), fontsize=9.5)
+        panel.set_xticks([0, 4, 8, shown])
+        panel.tick_params(labelsize=9)
+        if i >= len(broken) - 2:
+            panel.set_xlabel("iteration l")
+    figure.suptitle(f"The paper's protocol on random values (seed {batch.seed}). Right: values at the nodes of graphs that break the theorem", fontsize=11)
     return figure

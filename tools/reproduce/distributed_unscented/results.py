@@ -31,9 +31,6 @@ _MORE = {
     "all, perron, 10": "all visible, paper's protocol scaled, L = 10",
     "all, metropolis, 10": "all visible, Metropolis, L = 10",
     "all, ratio, 10": "all visible, ratio, L = 10",
-    "all, paper, 1": "all visible, paper's protocol, L = 1",
-    "all, metropolis, 1": "all visible, Metropolis, L = 1",
-    "all, ratio, 1": "all visible, ratio, L = 1",
     "all, paper, 10, loss": f"{100 * LOSS:.0f} % of messages lost, paper's protocol, L = 10",
     "all, metropolis, 10, loss": f"{100 * LOSS:.0f} % of messages lost, Metropolis, L = 10",
     "all, ratio, 10, loss": f"{100 * LOSS:.0f} % of messages lost, ratio, L = 10",
@@ -80,7 +77,7 @@ def comparison(batches: list[Batch]) -> list[Row]:
         rows.append(Row(f"RMSE, worst node: {text}", over(lambda b: node_rmse(b, variant).max()), 4))
     for variant, text in [*TEXT.items(), *_MORE.items()]:
         if variant not in ("alone", "all, ukf"):
-            rows.append(Row(f"node farthest from the centralised RMSE, %: {text}", over(lambda b: 100.0 * excess(b, variant)), -1))
+            rows.append(Row(f"off the centralised RMSE, %: {text}", over(lambda b: 100.0 * excess(b, variant)), -1))
     for p in PROTOCOLS:
         rows.append(Row(f"disagreement, factor an iteration: {p}", over(lambda b: float(np.median(rates(b, p)))), 4, None, None))
         rows.append(Row(f"second eigenvalue that design tells: {p}", over(lambda b: b.eigenvalue(p)), 4))

@@ -74,6 +74,7 @@ def comparison(batches: list[Batch]) -> Figure:
         axes.grid(visible=False, axis="x")
         axes.set_xticks(range(len(columns)), [label for *_, label in columns])
         axes.set(ylabel=f"ln of the mean squared {what} error", title="as published  |  one gate for all")
+    figure.suptitle("One point a batch; the far ones lost a target", fontsize=11)
     handles, labels = panels[0].get_legend_handles_labels()
     unique = {f"median of {_batches(batches)}, {RUNS} runs each" if label == "their median" else label: h for label, h in zip(labels, handles)}
     figure.legend(unique.values(), unique.keys(), ncols=3, loc="outside lower center", fontsize=10)
@@ -104,7 +105,7 @@ def policies(batches: list[Batch]) -> Figure:
             lost = sum(batch.policy(name, tight=tight)["targets_lost"] for batch in batches)
             low, high = share(lost, runs)
             axes.plot([100.0 * low, 100.0 * high], [i, i], color="#0072b2", linewidth=5, alpha=0.4, solid_capstyle="butt", label="95 % interval")
-            axes.plot(100.0 * lost / runs, i, marker="o", color="#0072b2", linestyle="none", label=f"share of {runs} runs")
+            axes.plot(100.0 * lost / runs, i, marker="o", color="#0072b2", linestyle="none", clip_on=False, zorder=4, label=f"share of {runs} runs")
             axes.annotate(f"{lost:.0f}", (100.0 * high, i), (6, 0), textcoords="offset points", va="center", fontsize=10)
         axes.set(xlabel="targets lost, %", title=title)
         axes.set_xlim(left=0.0)
