@@ -12,6 +12,7 @@ INSTALLED = $(DESTDIR)$(PREFIX)
 
 install: all ## library, headers, program, pkg-config and CMake files under DESTDIR and PREFIX
 	@for f in $(HEADERS); do install -D -m 644 include/$$f $(INSTALLED)/include/$$f || exit 1; done
+	@install -D -m 644 port/host/meshkal/plugin.h $(INSTALLED)/include/meshkal/plugin.h
 	@for f in $(KERNELS); do install -D -m 644 src/$$f $(INSTALLED)/include/$$f || exit 1; done
 	install -D -m 644 $(LIBRARY) $(INSTALLED)/lib/libmeshkal.a
 	install -D -m 755 $(PROGRAM) $(INSTALLED)/bin/meshkal

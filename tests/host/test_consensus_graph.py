@@ -8,8 +8,6 @@ import math
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.once
-
 
 class Links(ctypes.Structure):
     _fields_ = [("nodes", ctypes.c_int), ("first", ctypes.c_void_p), ("slot", ctypes.c_void_p)]

@@ -150,8 +150,8 @@ def draw(seed, count, smallest):
 
 @pytest.mark.parametrize("law", ["chi2", "student"])
 def test_scipy(lib, law):
-    """4000 points; SciPy's own error, up to 3e-9 at many degrees, is the larger one. Near the middle of Student's law a relative error of the quantile asks for more than
-    SciPy's has: there it is compared by its probability."""
+    """4000 points; SciPy's own error, up to 3e-9 at many degrees, is the larger one. Near the middle of Student's law its quantile has no
+    relative accuracy: there the probability alone is compared."""
     tail, quantile, theirs = lib(f"{law}_tail"), lib(f"{law}_quantile"), stats.chi2 if law == "chi2" else stats.t
     for k, p in draw(20251122, 4000, 1e-10):
         x = quantile(p, k)

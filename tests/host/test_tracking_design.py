@@ -208,6 +208,23 @@ def test_published_scene(design, limit, gaps):
     assert abs(case["paper", "all"]["left"] - second(paper(hears, [1, 1, 1])) ** 10) < 1e-13
 
 
+def test_one_sensor_along_a_noisy_path_is_named(design, tmp_path):
+    """Its linearised information has full rank there, by the noise of the path alone: the condition number tells in most windows, the
+    count of measuring nodes always."""
+    s, rng = scene(), np.random.default_rng(2)
+    s["nodes"] = [s["nodes"][0], {"sensor": "none"}, {"sensor": "none"}]
+    path = np.column_stack((10 + np.arange(40.0), 20 + 0.6 * np.arange(40), np.ones(40), np.full(40, 0.6))) + 0.05 * rng.standard_normal((40, 4))
+    (tmp_path / "t.csv").write_text("\n".join(["t,state,value", *(f"{t},{i},{x}" for t, row in enumerate(path) for i, x in enumerate(row))]))
+    r = design(s, "--truth", tmp_path / "t.csv")
+    values = check_sight(s, r["observability"], path, np.arange(40.0), 10)
+    condition = values[:, -1] / values[:, 0]
+    net = r["observability"]["network"]
+    assert net["windows_unseen"] == 0 and net["ill_conditioned"] == runs(condition > 1e6) and net["windows_ill_conditioned"] > 31 / 2
+    assert any(w.startswith("condition number above 1e+06 in") for w in r["warnings"])
+    assert r["observability"]["fewer_than_two_measure"] == [[1, 40]]
+    assert design(s, "--truth", tmp_path / "t.csv", "--condition", 1e30)["observability"]["network"]["windows_ill_conditioned"] == 0
+
+
 @pytest.mark.once
 def test_drawn_trajectories_of_the_published_scene(design):
     """With process noise a target leaves the straight line: below about 90 m most runs have intervals with fewer than two measuring nodes.

@@ -86,6 +86,7 @@ def test_noise_faults_and_losses(draw):
     left = steps - together.sum()
     within(left - there[:, 0].sum(), scipy.stats.binom(left, 0.2))
     within((together[1:] & together[:-1]).sum() / (steps - 1), scipy.stats.norm(0.15**2, math.sqrt(0.15**2 * (1 + 2 * 0.15) / (steps - 1))))
+    clean = []
     for k, rate, position, R, sigma in ((0, 0.1, [5.0], [[0.04]], [3.0]), (1, 0.25, [7.0, math.pi], [[0.5, 0.1], [0.1, 0.1]], [2.0, 0.0])):
         error = {t: readings[t, k] - position for t in range(1, steps + 1) if (t, k) in readings}
         if k == 1:  # west of the sensor: bearings lie on both sides of the seam
@@ -94,9 +95,11 @@ def test_noise_faults_and_losses(draw):
             error = {t: [e[0], math.remainder(e[1], 2 * math.pi)] for t, e in error.items()}
         hit = [e for t, e in error.items() if (t, k) in faulty]
         within(len(hit), scipy.stats.binom(len(error), rate))
-        assert_normal([e for t, e in error.items() if (t, k) not in faulty], R)
+        clean.append({t: e for t, e in error.items() if (t, k) not in faulty})
+        assert_normal(list(clean[k].values()), R)
         assert_normal(hit, np.array(R) + np.diag(np.square(sigma)))
-    # Faults of the two nodes are independent.
+    # Noises and faults of the two nodes are independent.
+    assert_normal([[*clean[0][t], *clean[1][t]] for t in clean[0] if t in clean[1]], scipy.linalg.block_diag([[0.04]], [[0.5, 0.1], [0.1, 0.1]]))
     both = there.all(axis=1)
     within(sum((t, 0) in faulty and (t, 1) in faulty for t in range(1, steps + 1)), scipy.stats.binom(both.sum(), 0.1 * 0.25))
 

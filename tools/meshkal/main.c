@@ -23,7 +23,7 @@ static const char design_help[] =
     "    --json --threads --allow-unobservable    as above; the last: exit status 0 though the network cannot work\n"
     "    --truth FILE.csv     along this one, columns t,state,value, instead of the mean trajectory from x0\n"
     "    --window W           steps over which information is collected (default 10)\n"
-    "    --condition LIMIT    of the information's condition number, for warnings (default 1e8)\n"
+    "    --condition LIMIT    of the information's condition number, for warnings (default 1e6)\n"
     "    --runs M             drawn trajectories, in which sensors in range are counted (default 100, fewer if they are long)\n"
     "    --models FILE.so     own models (port/host/meshkal/plugin.h)\n";
 

@@ -9,7 +9,8 @@ static mk_status_t MK_F(mk_duif_check)(int n, int slots, const MK_F_T(mk_duif_co
     const mk_status_t status = MK_F(mk_consensus_check)(MK_DUIF_VALUES(n), slots, &config->consensus);
     if (status != MK_OK) return status;
     if (config->consensus.values != n + MK_AT(n, 0) + (config->consensus.protocol == MK_CONSENSUS_SUM ? n : 0)) return MK_ERROR_SHAPE;
-    return mk_link_named_twice(slots, config->nodes) ? MK_ERROR_ARGUMENT : MK_OK;
+    if (mk_link_named_twice(slots, config->nodes)) return MK_ERROR_ARGUMENT;
+    return !config->origin || MK_F(mk_all_finite)(n, config->origin) ? MK_OK : MK_ERROR_NOT_FINITE;
 }
 
 mk_status_t MK_F(mk_duif_start)(int n, int m, int slots, const MK_F_T(mk_duif_view) * view, const MK_F_T(mk_duif_config) * config) {
@@ -33,9 +34,42 @@ mk_status_t MK_F(mk_duif_secure)(const MK_F_T(mk_duif_view) * view, mk_secure_t 
 
 static int MK_F(mk_duif_reads)(const MK_F_T(mk_duif) * core) { return core->config && core->stage == MK_DUIF_READING; }
 
+/* x := x - origin */
+static void MK_F(mk_duif_shift)(int n, const MK_REAL *origin, MK_REAL *x) {
+    for (int i = 0; i < n && origin; i++) x[i] -= origin[i];
+}
+
+/* Numbers of a message outside of what the filter's own functions use. */
+static MK_REAL *MK_F(mk_duif_values)(int n, const MK_F_T(mk_duif_view) * view) {
+    return view->work + MK_UNSCENTED_WORK(n, view->core->config->filter.m, 1);
+}
+
+/* Where x or P have left the range of the precision: the same from x and P0, then from x0. */
+static mk_status_t MK_F(mk_duif_recover)(int n, const MK_F_T(mk_duif_view) * view, MK_REAL dt, const MK_REAL *Q, mk_status_t status) {
+    const MK_F_T(mk_unscented_config) *const config = &view->core->config->filter;
+    MK_REAL *const x = MK_F(mk_duif_values)(n, view), *const L = x + n;
+    const MK_F_T(mk_unscented) before = *view->filter.core;
+    const uint8_t had = view->filter.have[0];
+    for (int i = 0; i < n; i++) x[i] = view->filter.x[i];
+    for (int i = 0; i < MK_AT(n, 0); i++) L[i] = view->filter.L[i];
+    for (int attempt = 0; attempt < 2; attempt++)
+        if (MK_F(mk_unscented_restart)(n, 1, &view->filter, attempt ? config->x0 : x, config->P0) == MK_OK &&
+            MK_F(mk_unscented_predict)(n, &view->filter, dt, Q) == MK_OK) {
+            view->core->reinitialised++;
+            return MK_OK;
+        }
+    /* It was dt, Q or the model. */
+    for (int i = 0; i < n; i++) view->filter.x[i] = x[i];
+    for (int i = 0; i < MK_AT(n, 0); i++) view->filter.L[i] = L[i];
+    *view->filter.core = before;
+    view->filter.have[0] = had;
+    return status;
+}
+
 mk_status_t MK_F(mk_duif_predict)(int n, const MK_F_T(mk_duif_view) * view, MK_REAL dt, const MK_REAL *Q) {
     if (!MK_F(mk_duif_reads)(view->core)) return MK_ERROR_ORDER;
-    const mk_status_t status = MK_F(mk_unscented_predict)(n, &view->filter, dt, Q);
+    mk_status_t status = MK_F(mk_unscented_predict)(n, &view->filter, dt, Q);
+    if (status == MK_ERROR_NOT_FINITE || status == MK_ERROR_NOT_POSITIVE_DEFINITE) status = MK_F(mk_duif_recover)(n, view, dt, Q, status);
     if (status == MK_OK) view->core->dt = dt;
     return status;
 }
@@ -46,11 +80,6 @@ mk_status_t MK_F(mk_duif_measure)(int m, const MK_F_T(mk_duif_view) * view, cons
 
 mk_status_t MK_F(mk_duif_drop)(const MK_F_T(mk_duif_view) * view) { return MK_F(mk_unscented_drop)(1, &view->filter, 0); }
 
-/* Numbers of a message outside of what the filter's own functions use. */
-static MK_REAL *MK_F(mk_duif_values)(int n, const MK_F_T(mk_duif_view) * view) {
-    return view->work + MK_UNSCENTED_WORK(n, view->core->config->filter.m, 1);
-}
-
 mk_status_t MK_F(mk_duif_contribute)(int n, int m, const MK_F_T(mk_duif_view) * view) {
     MK_F_T(mk_duif) *const core = view->core;
     if (!MK_F(mk_duif_reads)(core)) return MK_ERROR_ORDER;
@@ -58,7 +87,12 @@ mk_status_t MK_F(mk_duif_contribute)(int n, int m, const MK_F_T(mk_duif_view) * 
     const mk_status_t status = MK_F(mk_unscented_contribution)(n, m, 1, &view->filter, core->config->paper_information, s, S);
     if (status != MK_OK) return status;
     core->measured = view->filter.core->measurements > 0;
-    for (int i = 0; i < n && core->config->consensus.protocol == MK_CONSENSUS_SUM; i++) x[i] = view->filter.x[i];
+    for (int i = 0; i < n && core->config->origin; i++)
+        for (int j = 0; j < n; j++) s[i] -= S[MK_PLACE(i, j)] * core->config->origin[j];
+    if (core->config->consensus.protocol == MK_CONSENSUS_SUM) {
+        for (int i = 0; i < n; i++) x[i] = view->filter.x[i];
+        MK_F(mk_duif_shift)(n, core->config->origin, x);
+    }
     if (MK_F(mk_consensus_begin)(MK_DUIF_VALUES(n), &view->consensus, s, core->measured) != MK_OK) {
         /* Scaled it overflows: a reading as good as none. */
         core->measured = 0;
@@ -199,11 +233,11 @@ static mk_status_t MK_F(mk_duif_attraction)(int n, const MK_F_T(mk_duif_view) * 
     return MK_F(mk_all_finite)(n, t) ? MK_OK : MK_ERROR_NOT_FINITE;
 }
 
-/* The prediction becomes the estimate, or stays. Returns the flags that say why. */
-static unsigned MK_F(mk_duif_join)(int n, const MK_F_T(mk_duif_view) * view) {
+/* With x relative to the origin: the prediction becomes the estimate, or stays. Returns the flags that say why. */
+static unsigned MK_F(mk_duif_join)(int n, const MK_F_T(mk_duif_view) * view, MK_REAL *s) {
     const MK_F_T(mk_consensus_config) *const consensus = &view->core->config->consensus;
     const int sum = consensus->protocol == MK_CONSENSUS_SUM, alone = view->consensus.core->heard == 0;
-    MK_REAL *const s = MK_F(mk_duif_values)(n, view), *const S = s + n, *const t = S + MK_AT(n, 0), *const x = view->filter.x;
+    MK_REAL *const S = s + n, *const t = S + MK_AT(n, 0), *const x = view->filter.x;
     if (MK_F(mk_consensus_average)(&view->consensus, s) != MK_OK) return alone && !view->core->measured ? MK_DUIF_UNINFORMED : MK_DUIF_UNFUSED;
     const int informed = MK_F(mk_trace)(n, S) != MK_R(0.0);
     if (!informed && !sum) return MK_DUIF_UNINFORMED;
@@ -215,6 +249,18 @@ static unsigned MK_F(mk_duif_join)(int n, const MK_F_T(mk_duif_view) * view) {
         for (int i = 0; i < n && MK_F(mk_all_finite)(n, t); i++) x[i] = t[i];
     }
     return informed ? 0 : MK_DUIF_UNINFORMED;
+}
+
+static unsigned MK_F(mk_duif_join_shifted)(int n, const MK_F_T(mk_duif_view) * view) {
+    const MK_F_T(mk_duif_config) *const config = view->core->config;
+    MK_REAL *const s = MK_F(mk_duif_values)(n, view), *const before = s + MK_DUIF_VALUES(n), *const x = view->filter.x;
+    for (int i = 0; i < n; i++) before[i] = x[i];
+    MK_F(mk_duif_shift)(n, config->origin, x);
+    const unsigned flags = MK_F(mk_duif_join)(n, view, s);
+    /* What stayed is not to be rounded. */
+    const int stays = (flags & MK_DUIF_UNFUSED) || (flags && config->consensus.protocol != MK_CONSENSUS_SUM);
+    for (int i = 0; i < n && config->origin; i++) x[i] = stays ? before[i] : x[i] + config->origin[i];
+    return flags;
 }
 
 /* Predictions for the steps up to `step`, or a new start there. */
@@ -239,7 +285,7 @@ static void MK_F(mk_duif_follow)(int n, const MK_F_T(mk_duif_view) * view, uint3
 mk_status_t MK_F(mk_duif_fuse)(int n, const MK_F_T(mk_duif_view) * view) {
     MK_F_T(mk_duif) *const core = view->core;
     if (!core->config || core->stage != MK_DUIF_FUSION) return MK_ERROR_ORDER;
-    const unsigned joined = MK_F(mk_duif_join)(n, view);
+    const unsigned joined = MK_F(mk_duif_join_shifted)(n, view);
     const MK_F_T(mk_consensus) *const consensus = view->consensus.core;
     core->heard = consensus->heard;
     core->missing = consensus->missing;

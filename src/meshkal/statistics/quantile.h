@@ -17,7 +17,7 @@
 #define MK_FRACTION_TERMS 60
 /* Evaluations of a root search: 3 or 4, or bisection where the start was bad. */
 #define MK_QUANTILE_LIMIT 64
-/* From here on half the degrees are many: the middle of the chi-square law by its expansion about its mode. */
+/* From here on half the degrees are many: the middle of the chi-square law by its series about its mean. */
 #define MK_CHI2_MANY 60.0
 
 #define MK_LOG_2PI 1.8378770664093454836
@@ -49,8 +49,9 @@ static mk_law_t mk_law(int student, double degrees) {
     const double a = 0.5 * degrees;
     mk_law_t law = {student, degrees, a, 0.0};
     /* Student: log of 2 Gamma(a + 1/2) / (Gamma(a) sqrt(pi)). */
-    if (student) law.log_scale = 0.5 * (mk_log_f64(4.0 * a) - MK_LOG_PI) - a * mk_log_gap_f64(0.5 / a) + mk_stirling(a + 0.5) - mk_stirling(a);
-    else law.log_scale = 0.5 * (mk_log_f64(a) - MK_LOG_2PI) - mk_stirling(a);
+    if (student) law.log_scale = 0.5 * (mk_log_f64(4.0 * a) - MK_LOG_PI) - a * mk_log_gap_f64(0.5 / a) + mk_stirling(a + 0.5);
+    else law.log_scale = 0.5 * (mk_log_f64(a) - MK_LOG_2PI);
+    law.log_scale -= mk_stirling(a);
     return law;
 }
 
@@ -103,11 +104,12 @@ static mk_law_point_t mk_chi2_point(const mk_law_t *law, double x) {
     } else if (y < a - width) {
         point.ratio = mk_gamma_below(a, y);
     } else {
-        /* P(X < 2 a) - 1/2 is this series over sqrt(2 pi a): DLMF 8.12.15. */
+        /* P(X < degrees) - 1/2 is this series over sqrt(2 pi a): DLMF 8.12.15. */
         const double r = 1.0 / a;
         const double late = 25.0 / 6048 + r * (101.0 / 155520 - r * (3184811.0 / 3695155200.0 + r * (2745493.0 / 8151736320.0)));
         const double series = 1.0 / 3 + r * (1.0 / 540 - r * late);
-        point.ratio = (0.5 + series * mk_exp_f64(-0.5 * (mk_log_f64(a) + MK_LOG_2PI))) * mk_exp_f64(-point.log_density) + mk_gamma_middle(a, s);
+        const double to_degrees = 0.5 + series * mk_exp_f64(-0.5 * (mk_log_f64(a) + MK_LOG_2PI));
+        point.ratio = to_degrees * mk_exp_f64(-point.log_density) + mk_gamma_middle(a, s);
     }
     return point;
 }

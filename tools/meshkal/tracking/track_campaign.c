@@ -276,6 +276,7 @@ int mk_track_campaign_run(const mk_track_campaign_t *c, mk_track_result_t *resul
     r.setting.scenario = c->scenario;
     r.setting.filter = c->filter;
     r.setting.topology = central ? mk_central_topology(c->scenario) : mk_distributed_topology(c->scenario);
+    r.setting.space = c->space;
     r.setting.seed = c->seed;
     r.setting.loss = c->loss;
     r.setting.iterations = c->filter->kind == MK_TRACK_INFORMATION ? c->scenario->tracking->iterations : 0;

@@ -10,6 +10,7 @@ typedef struct {
     const mk_tracking_filter_t *filter;
     const mk_tracker_t *tracker;
     const void *models; /* of its precision */
+    const mk_space_f64_t *space; /* of the states; null: ordinary numbers */
     const mk_events_t *events;
     mk_events_facts_t facts;
     uint64_t seed;

@@ -98,10 +98,10 @@ void mk_track_judge(const mk_track_setting_t *setting, const mk_track_look_t *lo
     for (int e = 0; e < E; e++) {
         const double *const estimate = look->estimate + e * n;
         double sum = 0.0;
-        for (int i = 0; i < n; i++) {
-            d[i] = x ? x[i] - estimate[i] : (double)NAN;
+        for (int i = 0; i < n; i++) d[i] = x ? x[i] - estimate[i] : (double)NAN;
+        if (x && setting->space && setting->space->difference) setting->space->difference(setting->space->context, x, estimate, d);
+        for (int i = 0; i < n; i++)
             if (!isnan(d[i])) sum += d[i] * d[i];
-        }
         errors->error[e] = sqrt(sum);
         errors->node_position[e] = x ? square_of(motion->position, dimensions, x, estimate) : (double)NAN;
         errors->node_velocity[e] = x ? square_of(motion->velocity, tracking->has_velocity ? dimensions : 0, x, estimate) : (double)NAN;

@@ -68,7 +68,7 @@ static const char *verdict(const figures_t *f) {
 }
 
 /* All runs' count. */
-static double total(const mk_track_result_t *r, int which) { return r->statistics.runs ? r->statistics.mean.single[MK_TRACK_COUNT + which] * r->statistics.runs : 0.0; }
+static double total(const mk_track_result_t *r, int which) { return r->statistics.runs ? round(r->statistics.mean.single[MK_TRACK_COUNT + which] * r->statistics.runs) : 0.0; }
 
 static double failures(const mk_track_result_t *r) {
     double sum = 0.0;

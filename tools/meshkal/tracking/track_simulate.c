@@ -233,6 +233,7 @@ int mk_track_simulate(const mk_simulate_options_t *a, mk_scenario_t *s) {
         (models = mk_models_open_f64(s, plugin, &error)) != NULL && open_events(&c, a, models, &events, &error) &&
         (own = c.tracker->open_models(s, plugin, &error)) != NULL) {
         c.models = own;
+        c.space = models->transition.model.space;
         c.log_path = a->out;
         c.progress = isatty(STDERR_FILENO) == 1;
         mk_catch_signals();

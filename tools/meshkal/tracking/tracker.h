@@ -73,6 +73,7 @@ typedef struct {
     const mk_scenario_t *scenario;
     const mk_tracking_filter_t *filter;
     mk_topology_t topology; /* slots of the estimators */
+    const mk_space_f64_t *space; /* of the states, for errors; null: ordinary numbers */
     uint64_t seed;
     double loss;
     int iterations;         /* of consensus, else 0 */

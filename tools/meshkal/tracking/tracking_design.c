@@ -237,8 +237,8 @@ static void warn_sight(mk_tracking_design_t *r) {
         warn(r, "fewer than two nodes measure at %ld of %ld steps: %s; ranges then fit mirror images of the target as well as the target",
              few, p->instants, text);
     if (r->coverage.runs_few && !few)
-        warn(r, "the mean trajectory hides it: in %ld of %ld drawn runs fewer than two nodes measure at times", r->coverage.runs_few,
-             r->coverage.runs);
+        warn(r, "in %ld of %ld drawn runs, with noise and losses, fewer than two nodes measure at times; along the mean trajectory never",
+             r->coverage.runs_few, r->coverage.runs);
     mk_runs_text(r, r->windows, mk_window_unseen, text, sizeof text);
     if (net->unseen)
         warn(r, "the network does not see all %d states (%d at least) in %ld of %ld windows, which begin at steps %s", p->n,

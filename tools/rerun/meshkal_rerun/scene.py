@@ -65,12 +65,7 @@ class Scene:
         # An empty row, not a missing one: otherwise the last known truth would stay in the picture.
         columns = rr.Points3D.columns(positions=positions[known]).partition(known.astype(np.int64))
         self._rec.send_columns("scene/truth", times, columns)
-
-        points = np.concatenate([self._recent, positions[known]])
-        ends = len(self._recent) + np.cumsum(known)
-        strips = [points[max(0, end - TRAIL_STEPS) : end] for end in ends]
-        self._rec.send_columns("scene/truth_trail", times, rr.LineStrips3D.columns(strips=strips))
-        self._recent = points[-TRAIL_STEPS:]
+        self._recent = send_trail(self._rec, "scene/truth_trail", times, self._recent, positions)
         self._path.append(positions[known])
 
     def finish(self) -> None:
@@ -80,6 +75,16 @@ class Scene:
 
     def _style(self, path: str, archetype: type, **fields: object) -> None:
         self._rec.log(path, archetype.from_fields(**fields), static=True)
+
+
+def send_trail(rec: rr.RecordingStream, path: str, times: list, recent: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """Lines through the last known positions before each step. `recent`: those before the first one; returned: those after the last."""
+    known = np.isfinite(positions).all(axis=1)
+    points = np.concatenate([recent, positions[known]])
+    ends = len(recent) + np.cumsum(known)
+    strips = [points[max(0, end - TRAIL_STEPS) : end] for end in ends]
+    rec.send_columns(path, times, rr.LineStrips3D.columns(strips=strips))
+    return points[-TRAIL_STEPS:]
 
 
 def ellipsoids(packed: np.ndarray, sigmas: float) -> tuple[np.ndarray, np.ndarray]:
