@@ -9,6 +9,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 from tool import BATCHES, MESHKAL, command, shows_something, tables
 
 
@@ -38,6 +39,11 @@ def test_succeeds_and_prints_the_table(distributed):
 @pytest.mark.parametrize("name", ["nodes", "rmse", "iterations", "disagreement", "theorem"])
 def test_figures_show_something(distributed, name):
     shows_something(distributed[0] / f"{name}.png")
+
+
+def test_recording_holds_the_run(distributed):
+    entities = {chunk.entity_path for chunk in RrdReader(distributed[0] / "distributed-unscented.rrd").stream()}
+    assert len(entities) > 20
 
 
 def test_table_numbers_are_those_of_the_results(distributed, batches):

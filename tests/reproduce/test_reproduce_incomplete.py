@@ -11,6 +11,7 @@ import cbor2
 import numpy as np
 import pytest
 from scipy import stats
+from rerun.chunk import RrdReader
 from tool import BATCHES, MESHKAL, command, shows_something, tables
 
 
@@ -40,6 +41,11 @@ def test_succeeds_and_prints_the_table(incomplete):
 @pytest.mark.parametrize("name", ["log-mse", "comparison", "time", "policies"])
 def test_figures_show_something(incomplete, name):
     shows_something(incomplete[0] / f"{name}.png")
+
+
+def test_recording_holds_the_run(incomplete):
+    entities = {chunk.entity_path for chunk in RrdReader(incomplete[0] / "incomplete-measurements.rrd").stream()}
+    assert len(entities) > 20
 
 
 def test_table_numbers_are_the_errors_of_every_run(incomplete, batches, tmp_path):
@@ -202,6 +208,7 @@ def test_verdict_follows_the_law():
     assert 8 < float(nees_verdict(law(1, 1.1))[-1].split()[2]) < 12
     assert nees_verdict(law(1, 3.0))[-1].startswith("over-confident, ")
     assert nees_verdict(law(1, 0.9))[-1].startswith("cautious by ")
+    assert nees_verdict(law(1, 1.0, batches=1))[-1] == "unknown: one batch"
     heavy = law(1, 1.0)
     for i, item in enumerate(heavy):
         item["nees"] *= 1000.0 if i == 0 else 1.0

@@ -1,28 +1,34 @@
 # SPDX-License-Identifier: MIT
-"""Arrays of a tracking run's log (port/host/log-format.md)."""
+"""What a run's log says, and its recording."""
 
+from contextlib import ExitStack
 from pathlib import Path
 
-import cbor2
 import numpy as np
+import rerun as rr
+from meshkal_rerun.cli import convert_joined
+from meshkal_rerun.reader import LogError, LogReader
 from program import ReproduceError
-
-# RFC 8746 tags of little-endian arrays.
-_TYPES = {64: "u1", 70: "<u4", 85: "<f4", 86: "<f8"}
 
 
 def over_time(path: Path, key: str) -> np.ndarray:
-    """One quantity of the first run, steps x its length."""
-    values, ended = [], False
-    with path.open("rb") as stream:
-        decoder = cbor2.CBORDecoder(stream)
-        decoder.decode()
-        while not ended:
-            try:
-                item = decoder.decode()
-            except cbor2.CBORDecodeEOF:
-                raise ReproduceError(f"{path}: the log was cut") from None
-            ended = "end" in item
-            if not ended and item["run"] == 0:
-                values.append(np.frombuffer(item[key].value, _TYPES[item[key].tag]))
-    return np.array(values)
+    """One quantity of the first run; steps are the first axis."""
+    try:
+        with path.open("rb") as stream:
+            reader = LogReader(stream)
+            values = np.concatenate([getattr(batch, key) for batch in reader.batches(0)])
+    except LogError as error:
+        raise ReproduceError(f"{path}: {error}") from None
+    if reader.end != "complete":
+        raise ReproduceError(f"{path}: the log was cut")
+    return values
+
+
+def record(logs: list[Path], output: Path) -> None:
+    """The recording of the first log's filter, the others compared with it."""
+    rr.set_strict_mode(True)
+    try:
+        with ExitStack() as streams:
+            convert_joined({path.stem: streams.enter_context(path.open("rb")) for path in logs}, output, 0)
+    except LogError as error:
+        raise ReproduceError(f"{output}: {error}") from None

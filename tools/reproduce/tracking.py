@@ -45,9 +45,11 @@ def nees_verdict(items: list[dict]) -> list[str]:
     mean, half = interval(item["nees"] / STATES for item in items)
     inside, inside_half = interval(item["nees_steps_inside"] for item in items)
     percent = 100.0 * abs(mean - 1.0)
+    if not math.isfinite(half):
+        return [f"{mean:.4g}", "-", f"{100.0 * inside:.0f} %", "unknown: one batch"]
     if abs(mean - 1.0) > half:
         verdict = f"{'over-confident' if mean > 1.0 else 'cautious'} by {percent:.2g} %" if percent < 100.0 else f"over-confident, {mean:.3g} times"
-    elif math.isfinite(inside_half) and inside + inside_half < LEAST_INSIDE:
+    elif inside + inside_half < LEAST_INSIDE:
         verdict = "not consistent: rarely in its band"
     else:
         verdict = "consistent"

@@ -22,6 +22,8 @@ PROTOCOLS = ("paper", "perron", "metropolis", "ratio")
 # On three nodes nothing is left to agree on after so many.
 MANY = 100
 WATCHED = 40
+# The first is shown, the others beside it.
+RECORDED = ("duif", "ukf", "kcf", "rekfd")
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,8 @@ def _run(program: Program, folder: Path, seed: int) -> None:
         file = written(_file(name), variant.scenario(base))
         options = ("--runs", RUNS, "--seed", seed, "--from-step", FROM_STEP, "--loss", variant.loss, "--threads", 1)
         program("simulate", file, "--filter", variant.filter, *options, "--json", folder / f"{_file(name)}.json")
+    for f in RECORDED:
+        program("simulate", original, "--filter", f, "--seed", seed, "--out", folder / f"{f}.cbor")
     for protocol in PROTOCOLS:
         file = written(f"watched-{protocol}", Variant(protocol, WATCHED).scenario(base))
         program("simulate", file, "--filter", "duif", "--seed", seed, "--out", folder / f"watched-{protocol}.cbor")
