@@ -33,6 +33,8 @@ typedef struct {
 #include "unscented_models.tmpl.h"
 #include "unscented_types.tmpl.h"
 
+#define BOTH(tag) cmocka_unit_test(tag##f32_typed), cmocka_unit_test(tag##f64_typed)
+
 int main(void) {
     const struct CMUnitTest tests[] = {BOTH(least), BOTH(wide), BOTH(tracker), BOTH(many), BOTH(tall)};
     return cmocka_run_group_tests(tests, NULL, NULL);
