@@ -219,7 +219,8 @@ static mk_status_t MK_F(mk_cost)(MK_F_T(mk_updating) * u, const MK_REAL *x, MK_R
     for (int l = 0; l < u->slots; l++) {
         if (!(u->factor[l] > MK_R(0.0))) continue;
         const MK_F_T(mk_sensor) *const sensor = u->config->sensor + l;
-        const mk_status_t status = MK_F(mk_call)(&sensor->model, n, sensor->rows, 1, MK_R(0.0), 1, x, u->mean);
+        mk_status_t status = MK_F(mk_call)(&sensor->model, n, sensor->rows, 1, MK_R(0.0), 1, x, u->mean);
+        if (status == MK_OK && !MK_F(mk_all_finite)(sensor->rows, u->mean)) status = MK_ERROR_NOT_FINITE;
         if (status != MK_OK) {
             u->view->core->failed = (uint16_t)l;
             return status;
