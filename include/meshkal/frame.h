@@ -4,8 +4,8 @@
  *
  *     offset  bytes
  *          0      1   version, 1
- *          1      1   type: bits 0-1 stage (1 measurement, 2 estimate), bits 2-3 number format (0 float32, 1 float64, 2 float16),
- *                     bit 4 the sender's model comes with its reading, bit 5 sealed, bits 6-7 zero
+ *          1      1   type: bits 0-1 stage (1 measurement, 2 estimate, 3 consensus), bits 2-3 number format (0 float32, 1 float64,
+ *                     2 float16), bit 4 (stage 1 only) the sender's model comes with its reading, bit 5 sealed, bits 6-7 zero
  *          2      2   node that sends
  *          4      4   model: both ends must have been configured from the same one
  *          8      4   step, modulo 2^32
@@ -20,7 +20,13 @@
  * Payload: a measurement is the rows of y; an estimate is psi, n numbers. A measurement with model (bit 4) is for receivers that do
  * not hold the sender's C and R: the information pair (S, F y) of spec 1.4 in square-root form, G = R^-1/2 C by rows, then z = R^-1/2 y,
  * so that S = G'G and F y = G'z. It takes rows (n + 1) numbers where the pair takes n (n + 3) / 2, and stays positive semidefinite
- * in any format.
+ * in any format. A consensus frame (meshkal/duif.h):
+ *
+ *     offset  bytes
+ *          0      2   iteration, 0 .. L-1
+ *          2      1   bits 0-2 protocol (MK_CONSENSUS_), bit 3 the sender has a reading of its own in this step, bits 4-7 zero
+ *          3      k   numbers: s (n), S (packed lower triangle by rows, n (n + 1) / 2), and, as the protocol says, the mass (1: PERRON without a
+ *                     total, RATIO) or the prediction x (n: SUM)
  *
  * Sizes in bytes. An IEEE 802.15.4 frame of 127 bytes leaves 116 with short addresses and 104 with long ones (no link security):
  *
@@ -30,6 +36,12 @@
  *      6, 2             24              40    64      60    84             72      44
  *      9, 3             28              52    88      72   108            136      76
  *     17, 8             48              84   152     104   172            592     304
+ *
+ *     states     consensus             sealed             with mass          with x
+ *                f32   f64   f16       f32   f64   f16    f32   f64   f16    f32   f64   f16
+ *      4          75   131    47        95   151    67     79   139    49     91   163    55
+ *      6         127   235    73       147   255    93    131   243    75    151   283    85
+ *      9         235   451   127       255   471   147    239   459   129    271   523   145
  *
  * Where float64 does not fit the numbers can travel as float32 (MK_NUMBERS_F32); a reading with model fits as float16. What is larger
  * still needs a link that fragments, as 6LoWPAN does. Numbers are rounded to the nearest, ties to even; bits are those of the
@@ -53,7 +65,9 @@ extern "C" {
 #define MK_FRAME_PLAIN (MK_FRAME_HEADER + 4)
 #define MK_FRAME_SEALED (MK_FRAME_HEADER + MK_FRAME_SEQUENCE + MK_FRAME_TAG)
 
-enum { MK_STAGE_MEASUREMENT = 1, MK_STAGE_ESTIMATE = 2 };
+enum { MK_STAGE_MEASUREMENT = 1, MK_STAGE_ESTIMATE = 2, MK_STAGE_CONSENSUS = 3 };
+/* What a consensus payload holds beside its numbers. */
+#define MK_CONSENSUS_HEADER 3
 enum { MK_NUMBERS_F32 = 0, MK_NUMBERS_F64 = 1, MK_NUMBERS_F16 = 2 };
 
 /* Header fields, and where the payload stands in the caller's bytes. */
@@ -95,6 +109,17 @@ typedef struct {
     uint64_t last; /* highest accepted */
     uint64_t seen; /* bit i: last - i was accepted */
 } mk_replay_t;
+
+/* Authenticated frames. Caller's memory: name_secure_t of a typed node object holds it all. The key is in aead->context. A sequence number
+   must never be used twice with one key: give every start a higher one than any before, for example the count of boots in the upper
+   32 bits. At 2^64 - 1 they are used up, and nothing is sent any more. */
+typedef struct {
+    const mk_aead_t *aead;
+    uint64_t sequence;   /* of the next frame that is sent */
+    mk_replay_t *window; /* slots */
+    uint8_t *text;       /* room for a payload */
+    uint16_t capacity;   /* its bytes */
+} mk_secure_t;
 
 /* Is this sequence number new? It is marked by mk_replay_mark only, once the seal has opened. */
 int mk_replay_new(const mk_replay_t *window, uint64_t sequence);

@@ -43,17 +43,6 @@
 extern "C" {
 #endif
 
-/* Authenticated frames. Caller's memory: name_secure_t of a typed node holds it all. The key is in aead->context. A sequence number
-   must never be used twice with one key: give every start a higher one than any before, for example the count of boots in the upper
-   32 bits. At 2^64 - 1 they are used up, and nothing is sent any more. */
-typedef struct {
-    const mk_aead_t *aead;
-    uint64_t sequence;   /* of the next frame that is sent */
-    mk_replay_t *window; /* slots */
-    uint8_t *text;       /* room for a payload */
-    uint16_t capacity;   /* its bytes */
-} mk_secure_t;
-
 /* Numbers of the largest payload: an estimate, or a reading with its model. */
 #define MK_NODE_NUMBERS(n, m) ((m) * ((n) + 1) > (n) ? (m) * ((n) + 1) : (n))
 /* Scratch memory, in numbers, from the stack: of frame and accept; of the gate. */

@@ -2,6 +2,7 @@
 /* The shared build: every function of the public headers, with dimensions known at run time and loops kept. */
 #define MK_ROLLED
 #include <meshkal/angle.h>
+#include <meshkal/duif.h>
 #include <meshkal/kernels.h>
 #include <meshkal/node.h>
 #include <meshkal/quantile.h>
@@ -13,6 +14,7 @@
 
 #include "models/motion.h"
 #include "network/frame.h"
+#include "network/link.h"
 #include "network/numbers.h"
 #include "node/blob.h"
 #include "node/record.h"

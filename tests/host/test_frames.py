@@ -192,7 +192,7 @@ def test_types(library, sealed):
         text = bytes([text[0], kind]) + text[2:-4]
         text += struct.pack("<I", zlib.crc32(text))
         stage, numbers = kind & 3, kind >> 2 & 3
-        known = kind < 64 and stage in (1, 2) and numbers < 3 and not (kind & 16 and stage == 2)
+        known = kind < 64 and stage in (1, 2, 3) and numbers < 3 and not (kind & 16 and stage != 1)
         found = Frame()
         assert library.mk_frame_read(text, len(text), ctypes.byref(found)) == (OK if known else status_of("base.h", "MK_ERROR_TYPE"))
         if known:
@@ -210,3 +210,9 @@ def test_sizes():
         n, m, *sizes = map(int, row)
         model = m * (n + 1)
         assert sizes == [16 + 4 * m, 16 + 4 * n, 16 + 8 * n, 36 + 4 * n, 36 + 8 * n, 16 + 4 * model, 16 + 2 * model]
+    rows = re.findall(r"^ \* +(\d+)" + 12 * r" +(\d+)" + "$", text, re.M)
+    assert len(rows) == 3
+    for row in rows:
+        n, *sizes = map(int, row)
+        count = n + n * (n + 1) // 2
+        assert sizes == [other + 3 + size * numbers for other, numbers in ((16, count), (36, count), (16, count + 1), (16, count + n)) for size in (4, 8, 2)]

@@ -2,6 +2,8 @@
 /* Every public header in C++17, and both ways of declaring a filter and a node in both precisions: it compiles, links, and takes a step. */
 #include <meshkal/angle.h>
 #include <meshkal/base.h>
+#include <meshkal/consensus.h>
+#include <meshkal/duif.h>
 #include <meshkal/frame.h>
 #include <meshkal/gamma.h>
 #include <meshkal/node.h>
@@ -24,6 +26,11 @@ MK_NODE(node_f32, f32, 2, 1, 1);
 MK_NODE(node_f64, f64, 2, 1, 1);
 MK_NODE_UNROLLED(quick_f32, f32, 2, 1, 1);
 MK_NODE_UNROLLED(quick_f64, f64, 2, 1, 1);
+
+MK_CONSENSUS(consensus_f32, f32, 2, 2);
+MK_CONSENSUS(consensus_f64, f64, 2, 2);
+MK_DUIF(duif_f32, f32, 2, 1, 1);
+MK_DUIF(duif_f64, f64, 2, 1, 1);
 
 static_assert(std::is_standard_layout<shared_f32_t>::value && std::is_trivially_copyable<shared_f32_t>::value, "plain C structs");
 static_assert(std::is_standard_layout<unrolled_f64_t>::value && std::is_trivially_copyable<unrolled_f64_t>::value, "plain C structs");
@@ -74,6 +81,54 @@ template <typename T> struct constants {
         return good && recorder.lost == 0;                                                                                     \
     }()
 
+#define CONSENSUS(name, real)                                                                                                  \
+    [] {                                                                                                                       \
+        static name##_t c;                                                                                                     \
+        static const std::uint16_t degree[2] = {1, 1};                                                                         \
+        const name##_config_t config = {2, 2, 1, 2, MK_CONSENSUS_METROPOLIS, 0, nullptr, degree};                              \
+        const mk_##real##_t own[2] = {1, 2}, other[2] = {3, 4};                                                                \
+        mk_##real##_t mean[2];                                                                                                 \
+        bool good = name##_start(&c, &config) == MK_OK && name##_numbers(&config) == 2 && name##_begin(&c, own, 1) == MK_OK;   \
+        good = good && name##_message(&c)[1] == 2 && name##_put(&c, 1, 0, other) == MK_OK && name##_iterate(&c) == MK_OK;      \
+        good = good && name##_average(&c, mean) == MK_OK && mean[0] == 2 && mean[1] == 3;                                      \
+        name##_reset(&c);                                                                                                      \
+        return good && name##_average(&c, mean) == MK_ERROR_ORDER;                                                             \
+    }()
+
+template <typename T> mk_status_t first(const void *, T, int count, const T *x, T *z) {
+    for (int i = 0; i < count; i++) z[i] = x[2 * i];
+    return MK_OK;
+}
+
+#define DUIF(name, real)                                                                                                       \
+    [] {                                                                                                                       \
+        static constants<mk_##real##_t> k;                                                                                     \
+        static name##_t node;                                                                                                  \
+        static name##_secure_t secure;                                                                                         \
+        static std::uint8_t frame[name##_frame_max];                                                                           \
+        static const std::uint16_t nodes[1] = {7}, degree[1] = {0};                                                            \
+        static mk_sensor_##real##_t sensor = {{first<mk_##real##_t>, nullptr, nullptr, nullptr}, k.R, 1};                      \
+        static name##_config_t config = {};                                                                                    \
+        mk_##real##_t z[1] = {2}, P[3];                                                                                        \
+        config.filter.n = 2;                                                                                                   \
+        config.filter.m = config.filter.slots = config.filter.increments = 1;                                                  \
+        config.filter.transition.A = k.A;                                                                                      \
+        config.filter.transition.Q = k.Q;                                                                                      \
+        config.filter.sensor = &sensor;                                                                                        \
+        config.filter.x0 = k.x0;                                                                                               \
+        config.filter.P0 = k.P0;                                                                                               \
+        config.filter.transform.spread = 3;                                                                                    \
+        config.filter.transform.correction = -1;                                                                               \
+        config.consensus = {5, 1, 1, 1, MK_CONSENSUS_METROPOLIS, 0, nullptr, degree};                                          \
+        config.nodes = nodes;                                                                                                  \
+        bool good = name##_start(&node, &config) == MK_OK && name##_secure(&node, &secure, nullptr, 0) == MK_ERROR_ARGUMENT;   \
+        good = good && name##_predict(&node, 1, nullptr) == MK_OK && name##_measure(&node, z) == MK_OK;                        \
+        good = good && name##_contribute(&node) == MK_OK && name##_frame(&node, frame) > 0 && name##_drop(&node) == MK_OK;     \
+        good = good && name##_accept(&node, frame, 30) != MK_OK && name##_iterate(&node) == MK_OK && name##_fuse(&node) == MK_OK; \
+        good = good && name##_estimate(&node)[0] > 0 && name##_root(&node)[0] > 0 && name##_covariance(&node, P) == MK_OK;     \
+        return good && name##_advance(&node, 3) == MK_OK && name##_restart(&node, k.x0, k.P0) == MK_OK;                        \
+    }()
+
 template <typename T> bool gamma(int (*root)(int, const T *, T, T *, T *), int (*value)(int, const T *, T, T *, T *, T *)) {
     const T P[MK_PACKED(2)] = {2, 0, 1};
     T work[MK_GAMMA_WORK(2)], theta, found;
@@ -100,6 +155,7 @@ template <typename T> bool gamma(int (*root)(int, const T *, T, T *, T *), int (
 int main() {
     const bool good = STEP(shared_f32, f32) && STEP(shared_f64, f64) && STEP(unrolled_f32, f32) && STEP(unrolled_f64, f64) &&
                       NODE(node_f32, f32) && NODE(node_f64, f64) && NODE(quick_f32, f32) && NODE(quick_f64, f64) &&
+                      CONSENSUS(consensus_f32, f32) && CONSENSUS(consensus_f64, f64) && DUIF(duif_f32, f32) && DUIF(duif_f64, f64) &&
                       gamma<float>(mk_gamma_root_f32, mk_gamma_f32) && gamma<double>(mk_gamma_root_f64, mk_gamma_f64) &&
                       TRACKING(f32) && TRACKING(f64) && mk_status_name(MK_OK)[0] == 'M';
     return good ? 0 : 1;

@@ -162,11 +162,11 @@ static void V(each_cause)(void **unused) {
             BEGUN(version, 2u | format, 11, MODEL, 0, N);
             IS_REFUSED(MK_ERROR_VERSION, 0);
         }
-        /* Every type byte but the two that this node expects of that neighbour: stages 0 and 3, format 3, flags. */
+        /* Every type byte but the two that this node expects of that neighbour: stages 0 and 3, which is another object's, format 3, flags. */
         for (unsigned type = 0; type < 256; type++) {
             const unsigned stage = type & 3u, numbers = type >> 2 & 3u;
             if (stage >= 1 && stage <= 2 && numbers <= 2 && type < 16) continue;
-            const int reserved = type >= 64 || stage == 0 || stage == 3 || numbers == 3 || (type & 16u && stage == 2);
+            const int reserved = type >= 64 || stage == 0 || numbers == 3 || (type & 16u && stage >= 2);
             BEGUN(1, type, 11, MODEL, 0, 6);
             IS_REFUSED(type & 32u && !reserved ? MK_ERROR_SECURITY : MK_ERROR_TYPE, 0);
         }

@@ -70,8 +70,8 @@ static void V(altered)(void **unused) {
         wire.bytes[byte] ^= (uint8_t)(1u << bit % 8);
         const unsigned type = wire.bytes[1];
         if (byte == 1) {
-            status = type >= 64 || (type & 3u) == 3 || (type & 3u) == 0 || (type >> 2 & 3u) == 3 ||
-                             (type & 16u && (type & 3u) == 2) ? MK_ERROR_TYPE : MK_ERROR_FORGED;
+            status = type >= 64 || (type & 3u) == 0 || (type >> 2 & 3u) == 3 ||
+                             (type & 16u && (type & 3u) >= 2) ? MK_ERROR_TYPE : MK_ERROR_FORGED;
             if (!(type & 32u)) status = MK_ERROR_CHECKSUM;
         }
         /* Another neighbour's name: its key is the same, but the header is not what was sealed. */

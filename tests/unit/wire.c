@@ -94,3 +94,14 @@ int wire_aead_open(void *context, const uint8_t nonce[12], const uint8_t *header
                    const uint8_t tag[16]) {
     return crypto_aead_chacha20poly1305_ietf_decrypt_detached(text, NULL, text, length, tag, header, header_length, nonce, context) == 0;
 }
+
+void wire_bytes(wire_t *wire, const void *bytes, size_t count) { append(wire, bytes, count); }
+
+void wire_consensus(wire_t *wire, int format, unsigned flags, unsigned node, uint32_t model, uint32_t step, unsigned iteration, int count,
+                    const double *values) {
+    const uint8_t start[3] = {(uint8_t)iteration, (uint8_t)(iteration >> 8), (uint8_t)flags};
+    wire_begin(wire, 1, 3u | (unsigned)format << 2, node, model, step);
+    append(wire, start, 3);
+    wire_numbers(wire, format, count, values);
+    wire_crc(wire);
+}

@@ -29,6 +29,13 @@ void wire_plain(wire_t *wire, int stage, int format, unsigned flags, unsigned no
 void wire_sealed(wire_t *wire, int stage, int format, unsigned flags, unsigned node, uint32_t model, uint32_t step, int count, const double *values,
                  const uint8_t *key, uint64_t sequence);
 
+/* Anything, after wire_begin. */
+void wire_bytes(wire_t *wire, const void *bytes, size_t count);
+
+/* A whole plain frame of stage consensus; flags: protocol and whether the sender has a reading. */
+void wire_consensus(wire_t *wire, int format, unsigned flags, unsigned node, uint32_t model, uint32_t step, unsigned iteration, int count,
+                    const double *values);
+
 /* CRC-32 bit by bit. */
 uint32_t wire_crc_of(const uint8_t *bytes, size_t length);
 

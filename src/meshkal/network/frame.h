@@ -47,7 +47,7 @@ void mk_replay_mark(mk_replay_t *window, uint64_t sequence) {
 /* The header's fields; what follows it is left to the caller. TYPE. */
 static mk_status_t mk_frame_header(const uint8_t *bytes, mk_frame_t *frame) {
     const unsigned type = bytes[1], stage = type & MK_TYPE_STAGE, numbers = type >> MK_TYPE_NUMBERS & 3u;
-    if (type & MK_TYPE_RESERVED || stage < MK_STAGE_MEASUREMENT || stage > MK_STAGE_ESTIMATE || numbers > MK_NUMBERS_F16 ||
+    if (type & MK_TYPE_RESERVED || stage < MK_STAGE_MEASUREMENT || stage > MK_STAGE_CONSENSUS || numbers > MK_NUMBERS_F16 ||
         (type & MK_TYPE_MODEL && stage != MK_STAGE_MEASUREMENT))
         return MK_ERROR_TYPE;
     frame->model = mk_get_u32(bytes + 4);

@@ -6,9 +6,7 @@ static mk_status_t MK_F(mk_node_check)(int slots, const MK_F_T(mk_node_config) *
     if (config->numbers > MK_NUMBERS_F16 || (MK_BITS == 32 && config->numbers == MK_NUMBERS_F64)) return MK_ERROR_ARGUMENT;
     /* The filter tells other dimensions from its own; until then only what both agree on is read. */
     if (config->filter.slots != slots) return MK_ERROR_SHAPE;
-    for (int l = 0; l < slots; l++)
-        for (int k = 0; k < l; k++)
-            if (config->nodes[k] == config->nodes[l]) return MK_ERROR_ARGUMENT;
+    if (mk_link_named_twice(slots, config->nodes)) return MK_ERROR_ARGUMENT;
     const MK_F_T(mk_node_gate) *const gate = config->gate;
     if (gate) {
         if (!gate->reading || !(gate->estimate >= MK_R(0.0) && gate->estimate <= MK_LARGEST)) return MK_ERROR_ARGUMENT;
@@ -38,12 +36,10 @@ mk_status_t MK_F(mk_node_start)(int n, int m, int slots, const MK_F_T(mk_node_vi
 }
 
 mk_status_t MK_F(mk_node_secure)(const MK_F_T(mk_node_view) * view, mk_secure_t *secure, int slots) {
-    if (!view->node->config || !secure || !secure->aead || !secure->aead->seal || !secure->aead->open || !secure->window || !secure->text)
-        return MK_ERROR_ARGUMENT;
-    /* What a neighbour sent before this node started could be played to it again; only its step number stands against that. */
-    for (int l = 0; l < slots; l++) secure->window[l].seen = 0;
-    view->node->secure = secure;
-    return MK_OK;
+    if (!view->node->config) return MK_ERROR_ARGUMENT;
+    const mk_status_t status = mk_link_secure(secure, slots);
+    if (status == MK_OK) view->node->secure = secure;
+    return status;
 }
 
 /* --- what comes in --------------------------------------------------------------------------------------------------------- */
@@ -99,7 +95,7 @@ static mk_status_t MK_F(mk_node_use)(int n, int m, const MK_F_T(mk_node_view) * 
     const int reading = frame->stage == MK_STAGE_MEASUREMENT, with_model = reading && foreign && foreign->slot[slot];
     const int rows = filter->core->config->rows[slot];
     const int count = !reading ? n : with_model ? rows * (n + 1) : rows;
-    if (frame->with_model != with_model || count == 0) return MK_ERROR_TYPE;
+    if (frame->stage == MK_STAGE_CONSENSUS || frame->with_model != with_model || count == 0) return MK_ERROR_TYPE;
     if (frame->length != MK_NUMBERS_BYTES(frame->numbers, count)) return MK_ERROR_LENGTH;
 
     /* Stages from the one that this node is in to the frame's; modulo 2^32 steps. */
@@ -110,14 +106,11 @@ static mk_status_t MK_F(mk_node_use)(int n, int m, const MK_F_T(mk_node_view) * 
                                                 : -1;
     if (stages >= 2) {
         /* Where that neighbour will be when this node ends its step: a step farther, unless it began one only after this node's stage 1. */
-        const uint32_t next = frame->step + !(reading && filter->core->stage == 2);
-        if (view->seen[slot] != 2 || next - view->heard[slot] < 0x80000000u) view->heard[slot] = next;
-        view->seen[slot] = 2;
+        mk_link_ahead(frame->step + !(reading && filter->core->stage == 2), view->heard + slot, view->seen + slot);
         return MK_ERROR_AHEAD;
     }
-    if (view->seen[slot] == 0) view->seen[slot] = 1;
+    mk_link_heard(frame->step, stages < 0, view->heard + slot, view->seen + slot);
     if (stages < 0) return MK_ERROR_LATE;
-    if (view->seen[slot] == 1) view->heard[slot] = frame->step;
 
     if (reading ? filter->have_y[slot] : filter->have_psi[slot]) return MK_ERROR_REPEATED;
     MK_REAL *const values = filter->work;
@@ -136,27 +129,12 @@ static mk_status_t MK_F(mk_node_use)(int n, int m, const MK_F_T(mk_node_view) * 
     return MK_OK;
 }
 
-static int MK_F(mk_node_slot)(int slots, const MK_F_T(mk_node_config) * config, uint16_t node) {
-    for (int l = 1; l < slots; l++)
-        if (config->nodes[l] == node) return l;
-    return 0;
-}
-
 static mk_status_t MK_F(mk_node_take)(int n, int m, int slots, const MK_F_T(mk_node_view) * view, const uint8_t *bytes, size_t length) {
     MK_F_T(mk_node) *const node = view->node;
-    mk_secure_t *const secure = node->secure;
     mk_frame_t frame;
-    mk_status_t status = mk_frame_read(bytes, length, &frame);
+    int slot;
+    mk_status_t status = mk_link_receive(bytes, length, slots, node->config->nodes, node->config->model, node->secure, &frame, &slot);
     if (status != MK_OK) return status;
-    if (frame.sealed != (secure != 0)) return MK_ERROR_SECURITY;
-    if (frame.model != node->config->model) return MK_ERROR_MODEL;
-    const int slot = MK_F(mk_node_slot)(slots, node->config, frame.node);
-    if (!slot) return MK_ERROR_STRANGER;
-    if (secure) {
-        if (frame.length > secure->capacity) return MK_ERROR_LENGTH;
-        status = mk_frame_open(bytes, &frame, secure->aead, secure->window + slot, secure->text);
-        if (status != MK_OK) return status;
-    }
     status = MK_F(mk_node_use)(n, m, view, &frame, slot);
     if (node->recorder) mk_note_frame(node->recorder, status, bytes, &frame);
     return status;
@@ -175,7 +153,7 @@ mk_status_t MK_F(mk_node_accept_recorded)(int n, int m, int slots, const MK_F_T(
     if (!view->node->config) return MK_ERROR_ORDER;
     mk_status_t status = mk_frame_parse(content, length, &frame);
     if (status == MK_OK && frame.model != view->node->config->model) status = MK_ERROR_MODEL;
-    const int slot = status == MK_OK ? MK_F(mk_node_slot)(slots, view->node->config, frame.node) : 0;
+    const int slot = status == MK_OK ? mk_link_slot(slots, view->node->config->nodes, frame.node) : 0;
     if (status == MK_OK) status = slot ? MK_F(mk_node_use)(n, m, view, &frame, slot) : MK_ERROR_STRANGER;
     view->node->counts[status]++;
     return status;
@@ -235,12 +213,10 @@ size_t MK_F(mk_node_frame)(int n, const MK_F_T(mk_node_view) * view, int stage, 
     frame.numbers = config->numbers;
     frame.sealed = node->secure != 0;
     frame.length = (uint16_t)MK_NUMBERS_BYTES(config->numbers, count);
-    mk_secure_t *const secure = node->secure;
     size_t length = 0;
-    if (!(secure && secure->sequence == UINT64_MAX) &&
+    if (mk_link_can_send(node->secure) &&
         MK_F(mk_numbers_put)(config->numbers, count, values, mk_frame_payload(bytes, frame.sealed)) == MK_OK)
-        /* The sequence number is used up even if the seal fails. */
-        length = mk_frame_write(&frame, bytes, secure ? secure->aead : 0, secure ? secure->sequence++ : 0);
+        length = mk_link_send(&frame, bytes, node->secure);
     if (length == 0) node->unsent++;
     return length;
 }

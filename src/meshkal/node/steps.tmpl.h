@@ -64,21 +64,8 @@ void MK_F(mk_node_judge_estimates)(int n, int slots, const MK_F_T(mk_node_view) 
 
 void MK_F(mk_node_end_step)(int slots, const MK_F_T(mk_node_view) * view) {
     MK_F_T(mk_node) *const node = view->node;
-    const uint32_t step = ++node->step;
-    uint32_t least = 0;
-    int heard = 0, ahead = 0;
-    for (int l = 1; l < slots; l++) {
-        const uint32_t lead = view->heard[l] - step;
-        heard += view->seen[l] != 0;
-        if (view->seen[l] == 2 && lead > 0 && lead < 0x80000000u) {
-            if (ahead == 0 || lead < least) least = lead;
-            ahead++;
-        }
-        view->seen[l] = 0;
-    }
-    if (ahead > 0) node->left_behind++;
-    else if (heard > 0) node->left_behind = 0;
-    node->behind = ahead > 0 && (2 * ahead >= heard || node->left_behind >= MK_NODE_LEFT_BEHIND) ? least : 0;
+    node->step++;
+    node->behind = mk_link_behind(slots, node->step, MK_NODE_LEFT_BEHIND, view->heard, view->seen, &node->left_behind);
 }
 
 int MK_F(mk_node_recover)(int n, int slots, const MK_F_T(mk_node_view) * view, mk_status_t status, const MK_REAL *input, int attempt) {
