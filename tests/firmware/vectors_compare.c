@@ -10,7 +10,7 @@
 static const char *pass, *vector;
 static int dimensions[4];
 static int file;
-static uint32_t expected[128], have, at, vectors, words;
+static uint32_t expected[64], have, at, vectors, words;
 
 void vector_begin(const char *name, int n, int m, int slots, int number) {
     vectors++;

@@ -87,7 +87,8 @@ typedef struct {
 } variant_t;
 
 /* Readings that are off and readings that are not: quantiles of chi-square at about 5 %. */
-static const MK_REAL threshold[] = {MK_R(3.8), MK_R(6.0), MK_R(7.8), MK_R(9.5)}, wide[] = {MK_R(9.0), MK_R(11.0), MK_R(13.0), MK_R(14.0), MK_R(16.0)};
+static const MK_REAL threshold[] = {MK_R(3.8), MK_R(6.0), MK_R(7.8), MK_R(9.5), MK_R(11.1), MK_R(12.6)};
+static const MK_REAL wide[] = {MK_R(9.0), MK_R(11.0), MK_R(13.0), MK_R(14.0), MK_R(16.0), MK_R(17.0)};
 static const MK_F_T(mk_gate) gates[] = {{NULL, NULL, 0, MK_GATE_SKIP}, {threshold, NULL, 2, MK_GATE_SKIP}, {threshold, wide, 0, MK_GATE_INFLATE},
                                         {NULL, threshold, 1, MK_GATE_SKIP}, {wide, NULL, 3, MK_GATE_INFLATE}};
 static const variant_t variants[] = {
