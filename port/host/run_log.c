@@ -29,8 +29,9 @@ int mk_log_open(mk_run_log_t *log, const char *path, mk_error_t *error) {
     return log->stream ? 1 : mk_fail(error, "%s: %s", path, strerror(errno));
 }
 
-void mk_log_header(mk_run_log_t *log, const mk_scenario_t *s, const mk_run_facts_t *facts) {
-    mk_cbor_map(&log->out, 20 + (facts->estimator_node != NULL));
+/* more: pairs that the caller puts behind these. */
+static void put_header(mk_run_log_t *log, const mk_scenario_t *s, const mk_run_facts_t *facts, size_t more) {
+    mk_cbor_map(&log->out, (size_t)20 + (facts->estimator_node != NULL) + more);
     mk_cbor_pair(&log->out, "format", "meshkal-log");
     mk_cbor_count(&log->out, "format_version", 1);
     mk_cbor_pair(&log->out, "program", "meshkal " MK_VERSION);
@@ -66,6 +67,19 @@ void mk_log_header(mk_run_log_t *log, const mk_scenario_t *s, const mk_run_facts
         mk_cbor_array(&log->out, (size_t)facts->estimators);
         for (int e = 0; e < facts->estimators; e++) mk_cbor_uint(&log->out, (uint64_t)facts->estimator_node[e]);
     }
+}
+
+void mk_log_header(mk_run_log_t *log, const mk_scenario_t *s, const mk_run_facts_t *facts) {
+    put_header(log, s, facts, 0);
+    send_item(log);
+}
+
+void mk_log_header_tracking(mk_run_log_t *log, const mk_scenario_t *s, const mk_run_facts_t *facts, double start_s, int iterations) {
+    put_header(log, s, facts, 3);
+    mk_cbor_pair(&log->out, "kind", "tracking");
+    mk_cbor_key(&log->out, "start_s");
+    mk_cbor_double(&log->out, start_s);
+    mk_cbor_count(&log->out, "iterations", (uint64_t)iterations);
     send_item(log);
 }
 

@@ -4,6 +4,7 @@
 #include <meshkal/angle.h>
 #include <meshkal/duif.h>
 #include <meshkal/kernels.h>
+#include <meshkal/extended.h>
 #include <meshkal/node.h>
 #include <meshkal/quantile.h>
 #include <meshkal/tracking.h>

@@ -68,9 +68,15 @@ def shared(tmp_path_factory):
         sanitize = ["-fsanitize=undefined", "-fno-sanitize-recover=all"] if SANITIZED else []
         include = [f"-I{ROOT}/{folder}" for folder in ("include", "src", "port/host", "tools/meshkal")]
         subprocess.run(["gcc", "-std=c99", "-O2", "-g", "-ffp-contract=off", "-D_POSIX_C_SOURCE=200809L", *sanitize, "-shared", "-fPIC", *include,
-                        *(ROOT / s for s in sources), "-o", place, "-lm"], check=True)
+                        *(ROOT / s for s in sources), "-o", place, "-llapacke", "-lm"], check=True)
         return ctypes.CDLL(str(place))
     return build
+
+
+@pytest.fixture(scope="session")
+def code(shared):
+    """The node library."""
+    return shared("src/meshkal/meshkal.c")
 
 
 def pytest_configure(config):

@@ -7,6 +7,7 @@
 #include "commands.h"
 #include "design/steady.h"
 #include "design_report.h"
+#include "design_tracking.h"
 #include "file.h"
 #include "first_error.h"
 #include "parallel.h"
@@ -19,6 +20,7 @@
 
 typedef struct {
     const char *json, *c_header, *real, *per_step, *tolerance, *c_max, *threads, *frozen;
+    const char *truth, *models, *window, *condition, *runs; /* tracking */
     int allow_unobservable, covariances;
     double close;
 } arguments_t;
@@ -109,6 +111,17 @@ static int design(mk_design_results_t *r, arguments_t *a, mk_error_t *error) {
     return 1;
 }
 
+/* Each kind of scenario has options that the other kind cannot follow. */
+static int fits_kind(const arguments_t *a, int tracking, mk_error_t *error) {
+    const char *linear = a->c_header ? "c-header" : a->real ? "real" : a->per_step ? "per-step" : a->tolerance ? "tolerance" : a->c_max ? "c-max" :
+                         a->frozen ? "frozen" : a->covariances ? "covariances" : NULL;
+    const char *nonlinear = a->truth ? "truth" : a->models ? "models" : a->window ? "window" : a->condition ? "condition" :
+                            a->runs ? "runs" : NULL;
+    if (tracking && linear) return mk_fail(error, "design: --%s is for linear scenarios; this one tracks a target (model.motion)", linear);
+    if (!tracking && nonlinear) return mk_fail(error, "design: --%s is for scenarios that track a target (model.motion); this one is linear", nonlinear);
+    return 1;
+}
+
 int mk_command_design(int argc, char **argv) {
     mk_error_t error;
     arguments_t a;
@@ -126,11 +139,26 @@ int mk_command_design(int argc, char **argv) {
                                    {"threads", &a.threads, NULL},
                                    {"covariances", NULL, &a.covariances},
                                    {"frozen", &a.frozen, NULL},
+                                   {"truth", &a.truth, NULL},
+                                   {"models", &a.models, NULL},
+                                   {"window", &a.window, NULL},
+                                   {"condition", &a.condition, NULL},
+                                   {"runs", &a.runs, NULL},
                                    {"allow-unobservable", NULL, &a.allow_unobservable},
                                    {NULL, NULL, NULL}};
     const double begin = mk_seconds();
-    if (!mk_parse_options(argc, argv, options, "the scenario file", &path, &error) || !mk_scenario_load(&scenario, path, &error))
+    if (!mk_parse_options(argc, argv, options, "the scenario file", &path, &error) || !mk_scenario_load_any(&scenario, path, &error))
         return mk_complain(&error, MK_EXIT_INPUT);
+    if (!fits_kind(&a, scenario.tracking != NULL, &error)) {
+        mk_scenario_free(&scenario);
+        return mk_complain(&error, MK_EXIT_INPUT);
+    }
+    if (scenario.tracking) {
+        const mk_design_tracking_arguments_t tracking = {a.json, a.truth, a.models, a.window, a.condition, a.runs, a.threads, a.allow_unobservable};
+        const int status = mk_design_tracking(&scenario, &tracking);
+        mk_scenario_free(&scenario);
+        return status;
+    }
     r.scenario = &scenario;
     r.loaded = mk_seconds() - begin;
     mk_output_t file;

@@ -9,15 +9,14 @@
 #include "json_out.h"
 #include "parallel.h"
 #include "signals.h"
+#include "simulate_options.h"
 #include "simulate_report.h"
+#include "tracking/track_simulate.h"
 
 /* Steps after the last one that the adversary still looks ahead to, where the user does not say: the end of its horizon is not seen. */
 #define HORIZON_MARGIN 100
 
-typedef struct {
-    const char *filter, *steps, *seed, *runs, *real, *loss, *tolerance, *measurements, *truth, *horizon, *out, *json, *threads, *resume, *split;
-    const char *frozen, *arrivals, *record;
-} arguments_t;
+typedef mk_simulate_options_t arguments_t;
 
 static int read_arguments(int argc, char **argv, int alone, arguments_t *a, const char **path, mk_error_t *error) {
     const mk_option_t options[] = {{"filter", &a->filter, NULL}, {"steps", &a->steps, NULL},         {"seed", &a->seed, NULL},
@@ -27,8 +26,19 @@ static int read_arguments(int argc, char **argv, int alone, arguments_t *a, cons
                                    {"threads", &a->threads, NULL},     {"resume", &a->resume, NULL},           {"frozen", &a->frozen, NULL},
                                    {"arrivals", &a->arrivals, NULL},
                                    {"record", &a->record, NULL},
+                                   {"models", &a->models, NULL}, {"from-step", &a->from_step, NULL}, {"lost-m", &a->lost_m, NULL},
+                                   {"increments", &a->increments, NULL}, {"rule", &a->rule, NULL}, {"gate", &a->gate, NULL},
+                                   {"iterations", &a->iterations, NULL}, {"protocol", &a->protocol, NULL},
                                    {alone ? NULL : "split", &a->split, NULL}, {NULL, NULL, NULL}};
     return mk_parse_options(argc, argv, options, "the scenario file", path, error);
+}
+
+static int refuse_tracking_options(const arguments_t *a, mk_error_t *error) {
+    const char *const given[] = {a->models, a->from_step, a->lost_m, a->increments, a->rule, a->gate, a->iterations, a->protocol};
+    static const char *const names[] = {"models", "from-step", "lost-m", "increments", "rule", "gate", "iterations", "protocol"};
+    for (int i = 0; i < 8; i++)
+        if (given[i]) return mk_fail(error, "--%s is for tracking scenarios, whose model has \"motion\"", names[i]);
+    return 1;
 }
 
 /* How the work is shared out. */
@@ -186,8 +196,15 @@ int mk_command_simulate(int argc, char **argv, struct mk_team *given) {
     memset(&scenario, 0, sizeof scenario);
     memset(&source, 0, sizeof source);
     memset(&arrivals, 0, sizeof arrivals);
-    int good = read_arguments(argc, argv, !given, &a, &path, &error) && mk_scenario_load(&scenario, path, &error) &&
-               set_campaign(&c, &a, &scenario, team, &error) && open_source(&source, &c, &a, &error) && read_arrivals(&arrivals, &c, &a, &error);
+    int good = read_arguments(argc, argv, !given, &a, &path, &error) && mk_scenario_load_any(&scenario, path, &error);
+    if (good && scenario.tracking && !given) {
+        status = mk_track_simulate(&a, &scenario);
+        mk_scenario_free(&scenario);
+        return status;
+    }
+    if (good && scenario.tracking) good = mk_fail(&error, "%s: a tracking scenario runs in one process, on all its cores: leave mpirun away", path);
+    good = good && refuse_tracking_options(&a, &error) && set_campaign(&c, &a, &scenario, team, &error) && open_source(&source, &c, &a, &error) &&
+           read_arrivals(&arrivals, &c, &a, &error);
     if (good) identify(identity, sizeof identity, &c, &source);
     (void)snprintf(shares, sizeof shares, "%s data %s arrivals %s filter %s runs %d threads %d split %s out %d json %d resume %d", identity,
                    source.sha256[0] ? source.sha256 : "drawn", arrivals.sha256[0] ? arrivals.sha256 : "drawn", c.filter ? c.filter->name : "all", c.runs,

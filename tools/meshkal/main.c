@@ -18,7 +18,14 @@ static const char design_help[] =
     "    --c-max none|central|all   guaranteed tolerances (default: all up to 200 nodes, else central)\n"
     "    --covariances        P and V of every node into the JSON file, above 10 000 nodes, too\n"
     "    --threads N          (default: all cores)\n"
-    "    --allow-unobservable     go on when a node does not see all states\n";
+    "    --allow-unobservable     go on when a node does not see all states\n"
+    "of a scenario that tracks a target: convergence and speed of consensus on its graph, observability along a trajectory\n"
+    "    --json --threads --allow-unobservable    as above; the last: exit status 0 though the network cannot work\n"
+    "    --truth FILE.csv     along this one, columns t,state,value, instead of the mean trajectory from x0\n"
+    "    --window W           steps over which information is collected (default 10)\n"
+    "    --condition LIMIT    of the information's condition number, for warnings (default 1e6)\n"
+    "    --runs M             drawn trajectories, in which sensors in range are counted (default 100, fewer if they are long)\n"
+    "    --models FILE.so     own models (port/host/meshkal/plugin.h)\n";
 
 static const char simulate_help[] =
     "meshkal simulate SCENARIO.json [options]    run the node code as a network\n"
@@ -37,7 +44,13 @@ static const char simulate_help[] =
     "    --record DIR         a record of every node in the first run, for meshkal replay and for firmware\n"
     "    --json FILE          summary for programs\n"
     "    --threads N          (default: all cores)\n"
-    "    --resume FILE        complete runs are kept there; a later call goes on, also to more runs\n";
+    "    --resume FILE        complete runs are kept there; a later call goes on, also to more runs\n"
+    "  of a tracking scenario (its model has \"motion\"): --steps --seed --runs --real --loss --measurements --truth FILE.csv --out --json --threads and\n"
+    "    --filter F           central: ekf ukf iukf iukf-literal pukf mpukf, one in each node: duif kcf rekfd (default ukf), or all\n"
+    "    --models FILE.so     own models, see meshkal/plugin.h\n"
+    "    --from-step K        first step of RMSE, NEES and NIS, from 1 (default: the second half)\n"
+    "    --lost-m D           count runs that end with a position error above D metres\n"
+    "    --increments N --rule R --gate P|none --protocol C --iterations L --tolerance C    instead of the scenario's\n";
 
 static const char analyze_help[] =
     "meshkal analyze SCENARIO.json [options]     error of every filter when the model errs as badly as c allows, by covariances\n"

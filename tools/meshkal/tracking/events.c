@@ -113,7 +113,7 @@ static int draw_truth(mk_run_events_t *stream, mk_error_t *error) {
     return 1;
 }
 
-static int in_range(const mk_scenario_t *s, int k, const double *x) {
+int mk_in_range(const mk_scenario_t *s, int k, const double *x) {
     double square = 0.0;
     if (!(s->tracking->node[k].range_limit_m < (double)INFINITY)) return 1;
     for (int i = 0; i < s->position_count; i++) {
@@ -171,7 +171,7 @@ static int draw_next(mk_run_events_t *stream, mk_instant_t *instant, mk_error_t 
         mk_reading_t *reading = &stream->reading[instant->count];
         double *z = stream->z + events->row_first[k];
         if (tracking->node[k].kind == MK_SENSOR_NONE) continue;
-        if (!in_range(s, k, stream->x)) {
+        if (!mk_in_range(s, k, stream->x)) {
             instant->out_of_range++;
             continue;
         }

@@ -37,6 +37,9 @@ typedef struct {
     int out_of_range;      /* sensors that do not reach the target */
 } mk_instant_t;
 
+/* Does the sensor of node k, which has one, reach a target with the state x? */
+int mk_in_range(const mk_scenario_t *scenario, int k, const double *x);
+
 /* The same for all runs and threads. */
 typedef struct mk_events mk_events_t;
 
