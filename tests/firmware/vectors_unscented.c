@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* Vectors of meshkal/unscented.h and meshkal/gate.h: every update, rule, transform and gate policy on targets that ranges, bearings and
-   differences of arrival times see; readings as information; what is refused. First through the kernels, then through the typed functions. */
+   differences of arrival times see; readings as information; what is refused. */
 #include "vectors.h"
 
 #include <math.h>
@@ -16,7 +16,7 @@ static const MK_REAL not_a_number = (MK_REAL)NAN;
 /* --- targets and sensors --------------------------------------------------------------------------------------------------- */
 
 #define TYPED(real, number, n, m, slots)                                                                                      \
-    MK_UNSCENTED(filter##number, real, n, m, slots);                                                                          \
+    MK_UNSCENTED_UNROLLED(filter##number, real, n, m, slots);                                                                 \
     static filter##number##_t object##number;                                                                                 \
     static MK_F_T(mk_unscented_view) view##number(MK_REAL *work) { return filter##number##_view(&object##number, work); }     \
     static mk_status_t predict##number(MK_REAL dt, const MK_REAL *Q) { return filter##number##_predict(&object##number, dt, Q); } \
@@ -72,7 +72,7 @@ static const dimensions_t dimensions[] = {
 
 /* --- the filter and its model ---------------------------------------------------------------------------------------------- */
 
-const char *const vectors_passes[2] = {"kernels", "typed functions"};
+const char *const vectors_passes[2] = {"shared kernels", "unrolled kernels"};
 
 static vectors_kernels_t pass;
 static const dimensions_t *now;
