@@ -95,6 +95,7 @@ def test_decisions_of_every_sensor(made):
             assert not len(changes[2])
             continue
         held, now = [], None
+        assert log.header["source"] == "drawn"
         at = dict(zip(changes[0].tolist(), (row[0] for row in changes[2])))
         for t in range(STEPS):
             now = at.get(t + 1, now)
@@ -250,3 +251,36 @@ def test_a_reading_that_a_model_refuses(tmp_path):
     assert recording.rows("rejections", "TextLog:text")[2] == [["reading of node 0: refused by the model" + (", faulty" if log.arrays["faulty"][0, 0, 0] else "")]]
     assert recording.rows("decisions/node/0", "StateChange:state")[2] == [["refused by the model"], ["used"]]
     assert "| readings refused by a model | 1" in recording.summary()
+
+
+def test_times_of_day(tmp_path):
+    log = TrackingLog(steps=5, filter="ukf")
+    log.header["start_s"] = 1.7e9
+    log.arrays["time_s"] = 1.7e9 + np.array([[[0.25], [0.5], [1.0], [1.125], [60.0]]])
+    recording, _ = convert(log.data(), tmp_path / "run.rrd")
+    _, times, _ = recording.rows("nees/centre", "Scalars:scalars")
+    np.testing.assert_array_equal(times, np.rint(log.arrays["time_s"][0, :, 0] * 1e9).astype(np.int64))
+    (chunk, *_) = recording.reader.stream().filter(content="/nees/centre", is_static=False, components="Scalars:scalars")
+    assert str(chunk.to_record_batch().column("time_s").type) == "timestamp[ns]"
+
+
+@pytest.mark.parametrize("batch", [3, 4096])
+def test_recorded_sensors_that_take_turns_hold_their_state(tmp_path, monkeypatch, batch):
+    """Node 0 measures at every second instant, then is silent; node 1 at the others."""
+    from meshkal_rerun import reader
+
+    log = TrackingLog(steps=14, filter="ukf", sensors=("range", "range"), truth=False)
+    measuring = np.zeros((1, 14, 2), dtype=int)
+    measuring[0, 0:8:2, 0] = measuring[0, 1::2, 1] = 1
+    log.arrays["time_s"] = np.arange(14.0).reshape(1, 14, 1) + 11
+    log.arrays["measuring"] = log.arrays["measurements_arrived"] = measuring
+    log.arrays["decision"] = measuring.copy()
+    log.arrays["decision"][0, 4, 0] = 2
+    if batch == 3:
+        monkeypatch.setattr(reader, "BATCH_STEPS", batch)
+    recording, _ = convert(log.data(), tmp_path / "run.rrd")
+    steps, _, states = recording.rows("decisions/node/0", "StateChange:state")
+    # Intervals of 2 s: a state holds for 6 s, from step 7 on to step 13.
+    assert list(zip(steps.tolist(), (row[0] for row in states))) == [(1, "used"), (5, "rejected"), (7, "used"), (14, "no reading")]
+    steps, _, states = recording.rows("decisions/node/1", "StateChange:state")
+    assert list(zip(steps.tolist(), (row[0] for row in states)))[:2] == [(1, "no reading"), (2, "used")]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Tracking logs: the scene, its parts that need not be there, the blueprint."""
 
+import io
 import time
 
 import numpy as np
@@ -135,6 +136,7 @@ def test_without_truth(tmp_path, filter_name):
     middle = log.arrays["estimate"][0].reshape(9, -1, 4).mean(axis=1)[:, :2]
     trail = lines(recording, "scene/estimate_trail")
     np.testing.assert_allclose(trail[-1][0][:, :2], middle, rtol=1e-5)
+    np.testing.assert_allclose(lines(recording, "scene/estimate_path", static=True)[0][0][:, :2], middle, rtol=1e-5)
     shown, t = lines(recording, "scene/readings"), int(np.flatnonzero(log.arrays["measuring"][0, :, 2])[0])
     np.testing.assert_allclose(shown[t][-1][1][:2], middle[t], rtol=1e-4)
 
@@ -190,3 +192,18 @@ def test_many_nodes_are_quick_and_summed_up(tmp_path):
     assert "$origin/network/**" in said and "$origin/node/**" not in said and "decisions" not in said.split("\n")
     assert not [e for e in recording.entities() if e.startswith("gate_ratio/node")]
     np.testing.assert_array_equal(recording.series("nees/node/299"), log.arrays["nees"][0, :, 299])
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_all_sensors_are_in_sight(truth):
+    """However many instants there are."""
+    from meshkal_rerun.reader import LogReader
+    from meshkal_rerun.scenario import parse_scenario
+    from meshkal_rerun.scene import viewpoint
+
+    log = TrackingLog(sensors=("range",) * 4, steps=900, truth=truth, filter="ukf")
+    log.scenario["nodes"][0]["position_m"] = [-500.0, 50.0]
+    reader = LogReader(io.BufferedReader(io.BytesIO(log.data())))
+    (batch,) = reader.batches(0)
+    eye, target = viewpoint(parse_scenario(reader.header), batch)
+    assert target[0] < -150 and np.linalg.norm(eye - target) > 500

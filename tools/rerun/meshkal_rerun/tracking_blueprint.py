@@ -9,7 +9,7 @@ from . import tracking_numbers as numbers
 from .reader import Batch, Header
 from .scenario import Scenario
 from .tracking_recording import DRAWN_SLOTS
-from .views import plot, scene, series, states, text_log
+from .views import TIME_AXIS, plot, scene, series, states, text_log
 
 # One lane each; more would be too thin to read.
 LANES = 40
@@ -35,7 +35,7 @@ def _overview(header: Header, scenario: Scenario, first: Batch, compared: tuple[
     shares = [7.0]
     lanes = sum(map(bool, header.rows))
     if 0 < lanes <= LANES:
-        left.append(rrb.StateTimelineView(origin="decisions", name="What became of each sensor's reading"))
+        left.append(rrb.StateTimelineView(origin="decisions", name="What became of each sensor's reading", time_view=TIME_AXIS))
         shares.append(min(max(0.7 * lanes - 0.4, 1.2), 6.0))  # a lane has the same height in all pictures
     return rrb.Horizontal(
         rrb.Vertical(*left, row_shares=shares),
@@ -48,6 +48,7 @@ def _overview(header: Header, scenario: Scenario, first: Batch, compared: tuple[
 def _plots(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...], *, few: bool) -> list[rrb.View]:
     every = "of the centre" if header.central else "of each node" if few else "over the network"
     others = "".join(f", {colours.compared(i)[0]}: {label}" for i, label in enumerate(compared))
+    distances = "".join(f"; {colours.compared(i)[0]}: RMS distance to {label}" for i, label in enumerate(compared))
     out = []
     error = numbers.position_error(first, scenario)
     if error is not None:
@@ -73,10 +74,10 @@ def _plots(header: Header, scenario: Scenario, first: Batch, compared: tuple[str
         name = f"Test quantity {every}, 1 = as expected (no gate in this log)"
         out.append(plot(header, "nis_ratio", name, summary="pooled", axis=_axis(first.nis / np.maximum(first.nis_rows, 1), 2.0)))
     if first.disagreement is not None:
-        name = "Disagreement: largest distance of two estimates, m" + (f"; RMS distance to the mean of{others[1:]}" if compared else "")
+        name = f"Disagreement: largest distance of two estimates, m{distances}"
         out.append(series("disagreement", name, ["$origin/**"], axis=_axis(first.disagreement)))
     elif compared:
-        out.append(series("disagreement", f"RMS distance to the mean of{others[1:]}, m", ["$origin/**"]))
+        out.append(series("disagreement", f"Disagreement, m{distances}", ["$origin/**"]))
     if first.consensus_disagreement is not None and header.iterations:
         name = f"Consensus: distance of information matrices from their mean, dB; red: before, blue: after {header.iterations} iterations"
         out.append(series("consensus", name, ["$origin/**"]))

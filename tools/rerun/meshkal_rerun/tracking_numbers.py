@@ -78,6 +78,30 @@ def worst_decisions(decided: np.ndarray, slots: Slots, nodes: int) -> np.ndarray
     return np.array(_WORST_LAST, dtype=np.int64)[rank]
 
 
+class Held:
+    """Decisions of sensors that give readings at times of their own: each holds until the next one, but not for longer than three of the sensor's
+    usual intervals, the median of those in the first batch."""
+
+    def __init__(self, nodes: int) -> None:
+        self._limit = np.full(nodes, np.nan)
+        self._state = np.full(nodes, int(Decision.NONE), dtype=np.int64)
+        self._since = np.full(nodes, -np.inf)
+
+    def states(self, time_s: np.ndarray, decided: np.ndarray) -> np.ndarray:
+        """(T, N) like `decided`."""
+        out = np.empty_like(decided)
+        for node in range(decided.shape[1]):
+            there = decided[:, node] != Decision.NONE
+            if np.isnan(self._limit[node]) and there.sum() > 1:
+                self._limit[node] = 3.0 * np.median(np.diff(time_s[there]))
+            last = np.maximum.accumulate(np.where(there, np.arange(len(there)), -1))
+            state = np.where(last >= 0, decided[last, node], self._state[node])
+            since = np.where(last >= 0, time_s[last], self._since[node])
+            out[:, node] = np.where(there | (time_s - since <= np.nan_to_num(self._limit[node])), state, int(Decision.NONE))
+            self._state[node], self._since[node] = state[-1], since[-1]
+        return out
+
+
 class Links:
     """Links (M, 2) of two nodes, smaller first."""
 

@@ -23,6 +23,7 @@ class TrackingRecorder:
         self._paths = paths  # of the estimators
         self._slots = numbers.Slots(header)
         self._node_colours = colours.node_colours(header.nodes)
+        self._held = numbers.Held(header.nodes)
         self._last_decisions = np.full(header.nodes, -1, dtype=np.int64)
         # Of one estimator in one step; of a mean over the network there is none, since its estimators share what they know.
         low, high = numbers.nees_band(header.states)
@@ -74,8 +75,10 @@ class TrackingRecorder:
                 self._series.points(f"{path}/{STATES[kind]}", self._clock.times(batch, some), ratio[some], **style)
 
     def _decisions(self, batch: Batch, decided: np.ndarray) -> None:
-        """What became of each sensor's reading, where it changes."""
+        """What became of each sensor's reading, where it changes. Recorded sensors seldom measure together: there it holds to the next reading."""
         worst = numbers.worst_decisions(decided, self._slots, self._header.nodes)
+        if self._header.source != "drawn":
+            worst = self._held.states(batch.time_s, worst)
         before = np.vstack([self._last_decisions, worst[:-1]])
         self._last_decisions = worst[-1]
         for node, rows in enumerate(self._header.rows):

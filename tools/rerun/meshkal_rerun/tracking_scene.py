@@ -68,7 +68,7 @@ class TrackingScene(Scene):
         super().batch(times, batch)
         estimates = positions_of(batch.estimate, self._scenario.position_states)
         middle = numbers.middle(estimates)
-        self._estimate_trail(times, middle)
+        self._estimate_trail(times, middle, without_truth=batch.truth is None)
         if self._scenario.node_positions_m is None:
             return
         target = middle if batch.truth is None else positions_of(batch.truth, self._scenario.position_states)
@@ -76,9 +76,12 @@ class TrackingScene(Scene):
         if not self._header.central:
             self._messages(times, batch)
 
-    def _estimate_trail(self, times: list, middle: np.ndarray) -> None:
-        """Where the estimates, or their mean, have been."""
+    def _estimate_trail(self, times: list, middle: np.ndarray, *, without_truth: bool) -> None:
+        """Where the estimates, or their mean, have been; without a truth also the whole path."""
         self._trail = send_trail(self._rec, "scene/estimate_trail", times, self._trail, middle)
+        if without_truth:
+            self._path_of = "estimate"
+            self._path.append(middle[np.isfinite(middle).all(axis=1)].astype(np.float32))
 
     def _readings(self, times: list, batch: Batch, target: np.ndarray) -> None:
         """A bright point at each sensor that gives a reading, and a line from it as far and where the reading says; the rest, and for other kinds

@@ -15,12 +15,12 @@ _STATE_PLOTS = 9
 _LOG_COLUMNS = [TextLogColumn("loglevel", visible=True), TextLogColumn("body", visible=True)]
 # A viewer that follows the end would otherwise show the last part of a long run only. Numbers instead of infinity would be
 # nanoseconds for one timeline and steps for the other.
-_TIME_AXIS = rrb.TimeAxis(view_range=rrb.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite()))
+TIME_AXIS = rrb.TimeAxis(view_range=rrb.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite()))
 
 
 def series(origin: str, name: str, contents: list[str], *, legend: bool = False, axis: rrb.ScalarAxis | None = None) -> rrb.TimeSeriesView:
     corner = rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend)
-    return rrb.TimeSeriesView(origin=origin, contents=contents, name=name, plot_legend=corner, axis_x=_TIME_AXIS, axis_y=axis)
+    return rrb.TimeSeriesView(origin=origin, contents=contents, name=name, plot_legend=corner, axis_x=TIME_AXIS, axis_y=axis)
 
 
 def plot(
