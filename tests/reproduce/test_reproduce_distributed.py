@@ -83,6 +83,11 @@ def test_eigenvalues_are_those_of_the_weights(batches):
     for protocol, weights in (("metropolis", metropolis), ("paper", paper), ("perron", paper)):
         expected = np.sort(np.abs(np.linalg.eigvals(weights)))[-2]
         assert math.isclose(batches[0].eigenvalue(protocol), expected, rel_tol=1e-12)
+    from distributed_unscented.graphs import GRAPHS
+
+    one = next(case for case in batches[0].design["consensus"]["cases"] if case.get("measuring") == "one")
+    graph = next(graph for graph in GRAPHS if graph.title == "path, one end measures")
+    assert math.isclose(one["second_eigenvalue"], graph.second_eigenvalue(), rel_tol=1e-12)
 
 
 def test_rate_of_a_known_curve():

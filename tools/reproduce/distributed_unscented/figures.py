@@ -91,7 +91,7 @@ def iterations(batches: list[Batch]) -> Figure:
         axes.minorticks_off()
         axes.set_xlabel("iterations of consensus L")
     error.set(ylabel="RMSE of the worst node off the centralised, %", title="median of the batches")
-    covariance.set(ylabel="NEES / 4: 1 if the covariance is true", title=f"mean of {len(batches)} batches, 95 % intervals", ylim=(0.9, 1.6))
+    covariance.set(ylabel="NEES / 4: 1 if the covariance is true", title=f"mean of {len(batches)} batches, 95 % intervals", ylim=(0.9, None))
     figure.legend(*error.get_legend_handles_labels(), ncols=4, loc="outside lower center")
     return figure
 

@@ -52,7 +52,7 @@ def write(out: Path, batches: list[Batch], errors: dict[int, str]) -> int:
         seeds=[batch.seed for batch in batches],
         errors=errors,
         one="batch",
-        extra=[_covariances(batches)] if batches else [],
+        extra=[_together(batches), _covariances(batches)] if batches else [],
     )
     return tables.write(out, report)
 
@@ -82,6 +82,20 @@ def comparison(batches: list[Batch]) -> list[Row]:
         rows.append(Row(f"disagreement, factor an iteration: {p}", over(lambda b: float(np.median(rates(b, p)))), 4, None, None))
         rows.append(Row(f"second eigenvalue that design tells: {p}", over(lambda b: b.eigenvalue(p)), 4))
     return rows
+
+
+def _together(batches: list[Batch]) -> str:
+    """Rare mirrored runs decide an RMSE: batches as one."""
+    header = [f"all {RUNS * len(batches)} runs together", "RMSE, best node", "worst node", "centralised", "farthest node off, %"]
+    body = []
+    for variant, text in [*TEXT.items(), *_MORE.items()]:
+        if variant in ("alone", "all, ukf"):
+            continue
+        nodes = np.sqrt(np.mean([node_rmse(b, variant) ** 2 for b in batches], axis=0))
+        central = float(np.sqrt(np.mean([central_rmse(b, variant.split(",")[0]) ** 2 for b in batches])))
+        off = 100.0 * float(np.abs(nodes / central - 1.0).max())
+        body.append([text, f"{nodes.min():.4f}", f"{nodes.max():.4f}", f"{central:.4f}", f"{off:.2g}"])
+    return tables.table(header, body)
 
 
 def _covariances(batches: list[Batch]) -> str:
