@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Logs of tracking scenarios with invented numbers, by port/host/log-format.md. Run as a program it writes one log:  python synthetic_tracking.py OUT.cbor [filter]"""
+"""Logs of tracking scenarios with invented numbers, by port/host/log-format.md.
+
+Run as a program it writes one log:  python synthetic_tracking.py OUT.cbor [filter]
+"""
 
 import sys
 

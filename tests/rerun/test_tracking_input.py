@@ -97,7 +97,7 @@ BAD = {
     "ratio in other precision": (step_with(gate_ratio=typed(np.zeros(9), "<f4")), "gate_ratio is missing or not an array of float64"),
     "NEES in some steps": (step_with(nees=None), "nees is in some steps and not in others"),
     "states without names": (scenario_with(lambda s: s["model"].pop("states")), "model.states are not the names of 4 states"),
-    "other positions": (scenario_with(lambda s: s["model"].update(states=["a", "b", "c", "d"])), "0 of model.states are positions, the header says 2"),
+    "other positions": (scenario_with(lambda s: s["model"].update(states=list("abcd"))), "0 of model.states are positions, the header says 2"),
     "nodes missing": (scenario_with(lambda s: s["nodes"].pop()), "nodes are not 3 objects"),
     "range limit of text": (scenario_with(lambda s: s["nodes"][0].update(range_limit_m="far")), "range_limit_m of a node is not a number"),
     "position of text": (scenario_with(lambda s: s["nodes"][0].update(position_m="here")), "position_m of a node is not a list of 2 or 3 numbers"),

@@ -215,8 +215,13 @@ def test_batches_join_without_a_seam(made, tmp_path, monkeypatch):
     parts, _ = convert(log.data(), tmp_path / "run.rrd")
     assert parts.entities() == whole.entities()
     assert parts.summary() == whole.summary()
-    for entity, component in (("decisions/node/1", "StateChange:state"), ("scene/estimate_trail", "LineStrips3D:strips"), ("scene/readings", "LineStrips3D:strips"),
-                              (f"nees/{paths(log)[0]}", "Scalars:scalars"), ("network/nodes", "GraphNodes:colors")):
+    for entity, component in (
+        ("decisions/node/1", "StateChange:state"),
+        ("scene/estimate_trail", "LineStrips3D:strips"),
+        ("scene/readings", "LineStrips3D:strips"),
+        (f"nees/{paths(log)[0]}", "Scalars:scalars"),
+        ("network/nodes", "GraphNodes:colors"),
+    ):
         for one, other in zip(whole.rows(entity, component), parts.rows(entity, component)):
             assert np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
 
@@ -240,7 +245,8 @@ def test_a_gate_that_judged_all_together(tmp_path):
     assert recording.rows("gate_ratio/centre/together/rejected", "Scalars:scalars")[0].tolist() == [2]
     assert recording.rows("gate_ratio/centre/together/inflated", "Scalars:scalars")[0].tolist() == [3]
     texts = [row[0] for row in recording.rows("rejections", "TextLog:text")[2]]
-    assert texts[:2] == ["reading of node 0: rejected with the others, test ratio 7", "reading of node 1: rejected with the others, test ratio 7, faulty"]
+    rejected = "rejected with the others, test ratio 7"
+    assert texts[:2] == [f"reading of node 0: {rejected}", f"reading of node 1: {rejected}, faulty"]
 
 
 def test_a_reading_that_a_model_refuses(tmp_path):
@@ -248,7 +254,8 @@ def test_a_reading_that_a_model_refuses(tmp_path):
     log.arrays["measuring"][:] = log.arrays["measurements_arrived"][:] = 1
     log.arrays["decision"] = np.array([[[4, 1], [1, 1]]])
     recording, _ = convert(log.data(), tmp_path / "run.rrd")
-    assert recording.rows("rejections", "TextLog:text")[2] == [["reading of node 0: refused by the model" + (", faulty" if log.arrays["faulty"][0, 0, 0] else "")]]
+    fault = ", faulty" if log.arrays["faulty"][0, 0, 0] else ""
+    assert recording.rows("rejections", "TextLog:text")[2] == [[f"reading of node 0: refused by the model{fault}"]]
     assert recording.rows("decisions/node/0", "StateChange:state")[2] == [["refused by the model"], ["used"]]
     assert "| readings refused by a model | 1" in recording.summary()
 
@@ -269,10 +276,10 @@ def test_recorded_sensors_that_take_turns_hold_their_state(tmp_path, monkeypatch
     """Node 0 measures at every second instant, then is silent; node 1 at the others."""
     from meshkal_rerun import reader
 
-    log = TrackingLog(steps=14, filter="ukf", sensors=("range", "range"), truth=False)
-    measuring = np.zeros((1, 14, 2), dtype=int)
+    log = TrackingLog(steps=20, filter="ukf", sensors=("range", "range"), truth=False)
+    measuring = np.zeros((1, 20, 2), dtype=int)
     measuring[0, 0:8:2, 0] = measuring[0, 1::2, 1] = 1
-    log.arrays["time_s"] = np.arange(14.0).reshape(1, 14, 1) + 11
+    log.arrays["time_s"] = np.arange(20.0).reshape(1, 20, 1) + 11
     log.arrays["measuring"] = log.arrays["measurements_arrived"] = measuring
     log.arrays["decision"] = measuring.copy()
     log.arrays["decision"][0, 4, 0] = 2
@@ -280,7 +287,7 @@ def test_recorded_sensors_that_take_turns_hold_their_state(tmp_path, monkeypatch
         monkeypatch.setattr(reader, "BATCH_STEPS", batch)
     recording, _ = convert(log.data(), tmp_path / "run.rrd")
     steps, _, states = recording.rows("decisions/node/0", "StateChange:state")
-    # Intervals of 2 s: a state holds for 6 s, from step 7 on to step 13.
-    assert list(zip(steps.tolist(), (row[0] for row in states))) == [(1, "used"), (5, "rejected"), (7, "used"), (14, "no reading")]
+    # Intervals of 2 s: a state holds for 10 s, from step 7 on to step 17.
+    assert list(zip(steps.tolist(), (row[0] for row in states))) == [(1, "used"), (5, "rejected"), (7, "used"), (18, "no reading")]
     steps, _, states = recording.rows("decisions/node/1", "StateChange:state")
     assert list(zip(steps.tolist(), (row[0] for row in states)))[:2] == [(1, "no reading"), (2, "used")]

@@ -18,12 +18,17 @@ DTYPES = {64: "u1", 70: "<u4", 85: "<f4", 86: "<f8"}
 pytestmark = pytest.mark.skipif(not SIMULATOR.exists(), reason=f"{SIMULATOR} is not built")
 
 
+def array(*arguments: object) -> np.ndarray:
+    tag = next(argument for argument in arguments if isinstance(argument, cbor2.CBORTag))
+    return np.frombuffer(tag.value, DTYPES[tag.tag])
+
+
 def simulate(scenario: Path, log: Path, *options) -> tuple[dict, list[dict]]:
     done = subprocess.run([SIMULATOR, "simulate", scenario, *options, "--out", log], capture_output=True, check=False)
     assert done.returncode == 0, done.stderr.decode()
     items = []
     with log.open("rb") as stream:
-        decoder = cbor2.CBORDecoder(stream, tag_hook=lambda *a: next(np.frombuffer(t.value, DTYPES[t.tag]) for t in a if isinstance(t, cbor2.CBORTag)))
+        decoder = cbor2.CBORDecoder(stream, tag_hook=array)
         while stream.peek(1):
             items.append(decoder.decode())
     assert items[-1]["end"] == "complete"
@@ -56,8 +61,8 @@ def test_every_filter(tmp_path, filter_name, real, capsys):
         np.testing.assert_array_equal(recording.series(f"nees/{path}"), [step["nees"][k] for step in steps])
     lengths = [len(row) for row in recording.rows("scene/readings", "LineStrips3D:strips")[2]]
     assert lengths == [int(step["measuring"].sum()) for step in steps] and sum(lengths) > 25
-    drawn = sum(len(recording.rows(name, "Scalars:scalars")[0]) for name in recording.entities() if name.startswith("gate_ratio/") and "/sensor/" in name
-                and not name.endswith(("rejected", "inflated")))
+    judged = [name for name in recording.entities() if name.startswith("gate_ratio/") and "/sensor/" in name]
+    drawn = sum(len(recording.rows(name, "Scalars:scalars")[0]) for name in judged if not name.endswith(("rejected", "inflated")))
     assert drawn == sum(int((step["gate_ratio"] > 0).sum()) for step in steps) > 25
     if e > 1:
         np.testing.assert_array_equal(recording.series("disagreement/positions"), [step["disagreement"][0] for step in steps])

@@ -13,7 +13,10 @@ from .views import DRAWN_NODES, plot
 def blueprint(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...] = ()) -> rrb.Blueprint:
     """`first` is the first batch: it tells whether there is a truth, and where the scene is. compared: names of other filters."""
     few = header.estimators <= DRAWN_NODES
-    front = tracking_blueprint.front(header, scenario, first, compared, few=few) if header.tracking else [_overview(header, scenario, first, few=few)]
+    if header.tracking:
+        front = tracking_blueprint.front(header, scenario, first, compared, few=few)
+    else:
+        front = [_overview(header, scenario, first, few=few)]
     tabs = [
         *front,
         _grid_tab(_consistency(header, first), "Consistency and losses"),

@@ -56,7 +56,8 @@ def convert(stream: BinaryIO, output: Path, run: int) -> list[str]:
 
 
 def convert_joined(streams: dict[str, BinaryIO], output: Path, run: int) -> list[str]:
-    """The same of several logs, by their names: of nodes of one network; or of filters for tracking, where the first is shown and the others compared."""
+    """The same of several logs, by their names: of nodes of one network; or of filters for tracking, the first of which is shown and the
+    others are compared with it."""
     readers = {}
     for name, stream in streams.items():
         try:

@@ -32,7 +32,7 @@ class Comparison:
     """Keeps of the shown log what it needs, then takes the others, one after another."""
 
     def __init__(self, rec: rr.RecordingStream, scenario: Scenario) -> None:
-        self._rec, self._series, self._scenario = rec, Series(rec), scenario
+        self._rec, self._series, self._scenario = rec, Series(rec, envelope=True), scenario
         self._steps: list[np.ndarray] = []
         self._positions: list[np.ndarray] = []
         self._squares: list[np.ndarray] = []
@@ -68,14 +68,16 @@ class Comparison:
             apart = np.linalg.norm(positions[mine].astype(np.float64) - middle[at][:, None], axis=2)
             if len(at):
                 apart = derive.root_mean_square(derive.finite(apart))
-                self._series.lines(f"disagreement/{path}", clock.times(batch, at), apart, names=f"RMS distance to {label}", colors=colour, widths=1.5)
+                style = {"names": f"RMS distance to {label}", "colors": colour, "widths": 1.5}
+                self._series.lines(f"disagreement/{path}", clock.times(batch, at), apart, **style)
             both = np.isfinite(squares[mine]) & np.isfinite(theirs[at])
             sums += (squares[mine][both].sum(), theirs[at][both].sum())
             known += int(both.sum())
         if not known:
             return None
         ours, others = np.sqrt(sums / known)
-        return f"position RMSE against {label}", f"{ours:.4g} m / {others:.4g} m = {ours / others:.3f}" if others > 0 else f"{ours:.4g} m / 0 m"
+        ratio = f" = {ours / others:.3f}" if others > 0 else ""
+        return f"position RMSE against {label}", f"{ours:.4g} m / {others:.4g} m{ratio}"
 
 
 def _squares(batch: Batch, scenario: Scenario) -> np.ndarray:

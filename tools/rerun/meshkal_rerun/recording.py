@@ -61,7 +61,8 @@ class Recorder:
         each = colours.node_colours(header.nodes)
         self._colours = colours.node_colours(1) if header.central else each[list(header.estimator_nodes)]
         self._clock = Clock(header)
-        self._series = Series(rec)
+        self._series = Series(rec, envelope=header.tracking)
+        self._gaps: dict[str, bool] = {}  # of series, whether their first values have some
         self._last_faults = np.zeros(header.estimators, dtype=np.uint32)
         paths = [estimator_path(header, k) for k in range(header.estimators)]
         scene = TrackingScene if header.tracking else Scene
@@ -136,8 +137,10 @@ class Recorder:
         self._series.lines(path, times, values, widths=width, **style)
 
     def _sparse(self, path: str, times: list, values: np.ndarray, *, width: float = 1.0, **style: object) -> None:
-        """What a tracking log does not have in every step is drawn as points: a line between gaps would not be seen."""
-        if self._tracking:
+        """What a tracking log does not have in every step is drawn as points: a line between gaps would not be seen. Lines are quicker."""
+        if path not in self._gaps:
+            self._gaps[path] = bool(self._tracking) and not np.isfinite(values).all()
+        if self._gaps[path]:
             self._series.points(path, times, values, marker_sizes=1.0 + width, **style)
         else:
             self._drawn(path, times, values, width=width, **style)

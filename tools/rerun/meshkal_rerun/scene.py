@@ -131,7 +131,8 @@ def viewpoint(scenario: Scenario, batch: Batch) -> tuple[np.ndarray, np.ndarray]
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) == 0:
         points = sensors if len(sensors) else np.zeros((1, 3))
-    # Percentiles: what diverges must not push the rest out of sight. Of a tracking log all sensors are seen, however few they are beside the instants.
+    # Percentiles: what diverges must not push the rest out of sight. Of a tracking log all sensors are seen: they may be few beside the
+    # instants, and the target may be near some of them only.
     low, high = np.percentile(points, [1, 99], axis=0)
     low, high = np.vstack([sensors, low]).min(axis=0), np.vstack([sensors, high]).max(axis=0)
     target = (low + high) / 2.0

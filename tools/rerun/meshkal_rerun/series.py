@@ -14,12 +14,15 @@ _UNIX_TIMES_S = 1e9
 class Series:
     """Sends numbers; the style of an entity is sent with its first ones."""
 
-    def __init__(self, rec: rr.RecordingStream) -> None:
+    def __init__(self, rec: rr.RecordingStream, *, envelope: bool = False) -> None:
+        """envelope: where there are more numbers than pixels, lines show the smallest and the largest of them; else the viewer draws the
+        middle of the two, which none of them needs to be."""
         self.rec = rec
+        self._line_style = {"aggregation_policy": rr.components.AggregationPolicy.MinMax} if envelope else {}
         self._styled: set[str] = set()
 
     def lines(self, path: str, times: list, values: np.ndarray, **style: object) -> None:
-        self._send(path, times, values, rr.SeriesLines, style)
+        self._send(path, times, values, rr.SeriesLines, style | self._line_style)
 
     def points(self, path: str, times: list, values: np.ndarray, **style: object) -> None:
         """For what is known at some instants only: a line between gaps would be nothing at all."""

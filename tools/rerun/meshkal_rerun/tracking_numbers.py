@@ -79,7 +79,7 @@ def worst_decisions(decided: np.ndarray, slots: Slots, nodes: int) -> np.ndarray
 
 
 class Held:
-    """Decisions of sensors that give readings at times of their own: each holds until the next one, but not for longer than three of the sensor's
+    """Decisions of sensors that give readings at times of their own: each holds until the next one, but not for longer than five of the sensor's
     usual intervals, the median of those in the first batch."""
 
     def __init__(self, nodes: int) -> None:
@@ -93,7 +93,7 @@ class Held:
         for node in range(decided.shape[1]):
             there = decided[:, node] != Decision.NONE
             if np.isnan(self._limit[node]) and there.sum() > 1:
-                self._limit[node] = 3.0 * np.median(np.diff(time_s[there]))
+                self._limit[node] = 5.0 * np.median(np.diff(time_s[there]))
             last = np.maximum.accumulate(np.where(there, np.arange(len(there)), -1))
             state = np.where(last >= 0, decided[last, node], self._state[node])
             since = np.where(last >= 0, time_s[last], self._since[node])

@@ -12,8 +12,14 @@ from .series import Clock, Series
 # Above this many slots that are heard, only the largest test ratio of each step is drawn.
 DRAWN_SLOTS = 100
 _MARKERS = {Decision.REJECTED: "cross", Decision.INFLATED: "up"}
-STATES = {Decision.NONE: "no reading", Decision.USED: "used", Decision.LOST: "lost", Decision.INFLATED: "inflated", Decision.REJECTED: "rejected",
-          Decision.REFUSED: "refused by the model"}
+STATES = {
+    Decision.NONE: "no reading",
+    Decision.USED: "used",
+    Decision.LOST: "lost",
+    Decision.INFLATED: "inflated",
+    Decision.REJECTED: "rejected",
+    Decision.REFUSED: "refused by the model",
+}
 _LEVELS = {Decision.REJECTED: "WARN", Decision.INFLATED: "INFO", Decision.REFUSED: "ERROR"}
 
 
@@ -60,10 +66,11 @@ class TrackingRecorder:
                 beyond = np.where(together[:, e] > 1.0, int(Decision.REJECTED), int(Decision.USED))
                 inflates = (batch.decision[:, self._header.slot_starts[e] :][:, : len(self._header.slots[e])] == Decision.INFLATED).any(axis=1)
                 beyond[(beyond == Decision.REJECTED) & inflates] = Decision.INFLATED
-                self._marked(f"gate_ratio/{path}/together", f"all readings at {path.replace('/', ' ')}", batch, together[:, e], beyond, colours.TRUTH)
+                name = f"all readings at {path.replace('/', ' ')}"
+                self._marked(f"gate_ratio/{path}/together", name, batch, together[:, e], beyond, colours.TRUTH)
 
     def _marked(self, path: str, name: str, batch: Batch, ratio: np.ndarray, decided: np.ndarray, colour: int) -> None:
-        """All that were judged, and again those that were not used as they were: the viewer does not change the markers of a series over time."""
+        """All that were judged, and again those that were not used as they were: the viewer does not change a series' markers over time."""
         at = np.flatnonzero(ratio > 0.0)
         if not len(at):
             return
@@ -75,7 +82,7 @@ class TrackingRecorder:
                 self._series.points(f"{path}/{STATES[kind]}", self._clock.times(batch, some), ratio[some], **style)
 
     def _decisions(self, batch: Batch, decided: np.ndarray) -> None:
-        """What became of each sensor's reading, where it changes. Recorded sensors seldom measure together: there it holds to the next reading."""
+        """What became of each sensor's reading, where it changes. Recorded sensors seldom measure together: there it holds on."""
         worst = numbers.worst_decisions(decided, self._slots, self._header.nodes)
         if self._header.source != "drawn":
             worst = self._held.states(batch.time_s, worst)
@@ -103,7 +110,8 @@ class TrackingRecorder:
         for t, i in zip(at, slot):
             kind, e, node = Decision(decided[t, i]), self._slots.estimator[i], self._slots.node[i]
             alone, together = batch.gate_ratio[t, self._slots.at[i]], batch.gate_stacked_ratio[t, e]
-            how = "" if kind == Decision.REFUSED else f", test ratio {alone:.3g}" if alone > 1.0 else f" with the others, test ratio {together:.3g}"
+            how = f", test ratio {alone:.3g}" if alone > 1.0 else f" with the others, test ratio {together:.3g}"
+            how = "" if kind == Decision.REFUSED else how
             own = self._header.central or self._header.estimator_nodes[e] == node
             where = "" if own else f" at {self._paths[e].replace('/', ' ')}"
             fault = ", faulty" if batch.faulty[t, node] else ""
@@ -114,7 +122,8 @@ class TrackingRecorder:
     def _consensus(self, times: list, batch: Batch) -> None:
         if batch.disagreement is not None:
             apart = derive.finite(batch.disagreement)
-            self._series.lines("disagreement/positions", times, apart, names="largest distance of two estimates, m", colors=colours.TRUTH, widths=2.0)
+            name = "largest distance of two estimates, m"
+            self._series.lines("disagreement/positions", times, apart, names=name, colors=colours.TRUTH, widths=2.0)
         if batch.consensus_disagreement is not None:
             decibels = derive.decibels(batch.consensus_disagreement)
             last = self._header.iterations

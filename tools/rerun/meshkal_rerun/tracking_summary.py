@@ -99,9 +99,11 @@ class TrackingSummary(Summary):
         d = self._decided
         judged = int(d[Decision.USED] + d[Decision.REJECTED] + d[Decision.INFLATED])
         rows = [("readings used as they were", f"{d[Decision.USED]} of {judged + d[Decision.REFUSED] + d[Decision.LOST]}")]
-        for decision, name in ((Decision.REJECTED, "rejected"), (Decision.INFLATED, "used with inflated noise"), (Decision.REFUSED, "refused by a model")):
+        names = {Decision.REJECTED: "rejected", Decision.INFLATED: "used with inflated noise", Decision.REFUSED: "refused by a model"}
+        for decision, name in names.items():
             if d[decision]:
-                rows.append((f"readings {name}", f"{d[decision]}" + (f", {self._faulty[decision]} of them faulty" if self._faulty.any() else "")))
+                faulty = f", {self._faulty[decision]} of them faulty" if self._faulty.any() else ""
+                rows.append((f"readings {name}", f"{d[decision]}{faulty}"))
         if self._faulty[Decision.USED]:
             rows.append(("faulty readings used as they were", str(self._faulty[Decision.USED])))
         rows.append(("readings lost on their way", _share(self._gone["measurements"], self._due["measurements"])))
@@ -125,9 +127,10 @@ class TrackingSummary(Summary):
             lines.append(f"- Network: blue {low:.0f} dB or less, red {high:.0f} dB or more; {what}. Grey: unknown.")
         lines += [
             "- Estimates and covariances are those after the readings and the exchange of an instant.",
-            "- Scene: a ring (a sphere in space) is a range limit; a bright point measures now. Its line is as long and points where the reading says; what "
-            "the reading does not say is taken from the target. Green: used, red: rejected, yellow: used with inflated noise, violet: refused by the "
-            "model, grey: lost; where several nodes hear it, the worst of these. A green link carried messages; the fainter, the fewer of them.",
+            "- Scene: a ring (a sphere in space) is a range limit; a bright point measures now. Its line is as long and points where the "
+            "reading says; what the reading does not say is taken from the target. Green: used, red: rejected, yellow: used with inflated "
+            "noise, violet: refused by the model, grey: lost; where several nodes hear it, the worst of these. A green link carried "
+            "messages; the fainter, the fewer of them.",
             "- Ellipses: 3 sigma of the position.",
             "- NEES: squared error in units of the covariance. Above its band the filter is over-confident, below it too careful.",
             "- Test ratio: squared normalised innovation over the threshold of the gate; above 1 it is not used as it is.",
