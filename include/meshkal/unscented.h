@@ -55,10 +55,13 @@ enum { MK_RULE_NONE, MK_RULE_INNOVATION, MK_RULE_MAHALANOBIS };
 #define MK_TRANSFORM_SCALED(n, alpha, beta, kappa) {(alpha) * (alpha) * ((n) + (kappa)), (beta) - (alpha) * (alpha)}
 
 /* Scratch memory, in numbers, taken from the stack by the typed functions: of predict, of update and contribution, of the rest; all of them. */
-#define MK_UNSCENTED_PREDICT_WORK(n) (2 * (n) * (2 * (n) + 1) + (n) * (3 * (n) + 1) + MK_PACKED(n) + 6 * (n))
+#define MK_UNSCENTED_PREDICT_WORK(n) (2 * (n) * (2 * (n) + 1) + 4 * (n))
 #define MK_UNSCENTED_UPDATE_WORK(n, m, slots)                                                                                 \
-    (((n) + ((n) > (m) ? (n) : (m))) * (2 * (n) + 1) + 3 * MK_PACKED(n) + 4 * (n) + 2 * (m) + 2 * (slots) +                   \
-     (m) * (slots) * (3 * (n) + 4) + 2 * MK_PACKED((m) * (slots)))
+    (MK_UNSCENTED_STACK_(n, m, (m) * (slots)) + 2 * (slots) + MK_UNSCENTED_LARGER_(MK_UNSCENTED_POINTS_(n, m), MK_UNSCENTED_SCRATCH_(n, (m) * (slots))))
+#define MK_UNSCENTED_STACK_(n, m, rows) ((rows) * (2 * (n) + 3) + MK_PACKED(rows) + 2 * MK_PACKED(n) + (n) + 2 * (m))
+#define MK_UNSCENTED_POINTS_(n, m) (((n) + (m)) * (2 * (n) + 1))
+#define MK_UNSCENTED_SCRATCH_(n, rows) ((rows) * ((n) + 1) + MK_PACKED(rows) + 3 * (n) + MK_PACKED(n))
+#define MK_UNSCENTED_LARGER_(a, b) ((a) > (b) ? (a) : (b))
 #define MK_UNSCENTED_OTHER_WORK(n, m) ((n) * (n) + 2 * MK_PACKED(n) + 2 * (n) + MK_PACKED(m))
 #define MK_UNSCENTED_WORK(n, m, slots) (MK_UNSCENTED_PREDICT_WORK(n) + MK_UNSCENTED_UPDATE_WORK(n, m, slots) + MK_PACKED(m))
 
@@ -143,7 +146,8 @@ MK_DECLARE_UNSCENTED_CORE(f64)
 /*
  * The typed functions; T is mk_<real>_t.
  *
- * name_start(f, config)        x0, P0, no readings. ARGUMENT, SHAPE, NOT_FINITE, NOT_POSITIVE_DEFINITE (P0, Q or some R).
+ * name_start(f, config)        x0, P0, no readings. ARGUMENT, SHAPE, NOT_FINITE, NOT_POSITIVE_DEFINITE (P0, Q or some R); also of the gate's
+ *                              thresholds, which are not negative.
  * name_restart(f, x0, P0)      the same with other values; readings that wait are dropped, counters stay.
  * name_predict(f, dt, Q)       one prediction over dt seconds (> 0, or 0); Q packed, null: the configuration's. ORDER (before start), ARGUMENT,
  *                              NOT_FINITE, NOT_POSITIVE_DEFINITE (Q, or what is predicted), what the model's function returned.
@@ -159,7 +163,21 @@ MK_DECLARE_UNSCENTED_CORE(f64)
  * name_inform(f, scale, s, S)  the update from information: P^-1 := P^-1 + scale S, x := P (P_old^-1 x + scale s). S need not be positive
  *                              semidefinite, as long as the sum is positive definite. ARGUMENT, NOT_FINITE, NOT_POSITIVE_DEFINITE.
  */
-#define MK_UNSCENTED(name, real, n, m, slot_count)                                                                            \
+#define MK_UNSCENTED(name, real, n, m, slots) MK_UNSCENTED_TYPE(name, real, n, m, slots, MK_UNSCENTED_STEP)
+
+#define MK_UNSCENTED_STEP(name, real, n, m, slot_count)                                                                       \
+    MK_INLINE mk_status_t name##_predict(name##_t *f, mk_##real##_t dt, const mk_##real##_t *Q) {                             \
+        mk_##real##_t work[MK_UNSCENTED_PREDICT_WORK(n)];                                                                     \
+        const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
+        return mk_unscented_predict_##real(n, &view, dt, Q);                                                                  \
+    }                                                                                                                         \
+    MK_INLINE mk_status_t name##_update(name##_t *f) {                                                                        \
+        mk_##real##_t work[MK_UNSCENTED_UPDATE_WORK(n, m, slot_count)];                                                       \
+        const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
+        return mk_unscented_update_##real(n, m, slot_count, &view);                                                           \
+    }
+
+#define MK_UNSCENTED_TYPE(name, real, n, m, slot_count, step)                                                                 \
     typedef struct {                                                                                                          \
         mk_unscented_##real##_t core;                                                                                         \
         mk_##real##_t x[n];                       /* estimate */                                                              \
@@ -190,11 +208,7 @@ MK_DECLARE_UNSCENTED_CORE(f64)
         const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
         return mk_unscented_restart_##real(n, slot_count, &view, x0, P0);                                                     \
     }                                                                                                                         \
-    MK_INLINE mk_status_t name##_predict(name##_t *f, mk_##real##_t dt, const mk_##real##_t *Q) {                             \
-        mk_##real##_t work[MK_UNSCENTED_PREDICT_WORK(n)];                                                                     \
-        const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
-        return mk_unscented_predict_##real(n, &view, dt, Q);                                                                  \
-    }                                                                                                                         \
+    step(name, real, n, m, slot_count)                                                                                        \
     MK_INLINE mk_status_t name##_put(name##_t *f, int slot, const mk_##real##_t *z) {                                         \
         const mk_unscented_view_##real##_t view = name##_view(f, 0);                                                          \
         return mk_unscented_put_##real(m, slot_count, &view, slot, z);                                                        \
@@ -202,11 +216,6 @@ MK_DECLARE_UNSCENTED_CORE(f64)
     MK_INLINE mk_status_t name##_drop(name##_t *f, int slot) {                                                                \
         const mk_unscented_view_##real##_t view = name##_view(f, 0);                                                          \
         return mk_unscented_drop_##real(slot_count, &view, slot);                                                             \
-    }                                                                                                                         \
-    MK_INLINE mk_status_t name##_update(name##_t *f) {                                                                        \
-        mk_##real##_t work[MK_UNSCENTED_UPDATE_WORK(n, m, slot_count)];                                                       \
-        const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
-        return mk_unscented_update_##real(n, m, slot_count, &view);                                                           \
     }                                                                                                                         \
     MK_INLINE const mk_##real##_t *name##_estimate(const name##_t *f) { return f->x; }                                        \
     MK_INLINE const mk_##real##_t *name##_root(const name##_t *f) { return f->L; }                                            \

@@ -46,6 +46,14 @@
 #endif
 #endif
 
+/* First of the elements 0 .. n - 1 of a row to be computed where only those from i are needed: with vector registers it takes no longer to compute
+   all, and every piece of the row then starts where it started before. */
+#ifdef MK_VECTOR_BYTES
+#define MK_LANES_FROM(i) 0
+#else
+#define MK_LANES_FROM(i) (i)
+#endif
+
 /* Without vector registers filters of up to MK_NARROW_N states are compiled for few registers (filter/rkfd_narrow.tmpl.h). MK_NARROW
    may be given from outside: to test that code on the host. */
 #define MK_NARROW_N 6

@@ -7,6 +7,7 @@
 
 #include <meshkal/gamma.h>
 #include <meshkal/rkfd.h>
+#include <meshkal/unscented.h>
 
 #include "algebra/sqrt.h"
 #include "inline.h"
@@ -26,6 +27,9 @@ extern "C" {
 /* Out of line in libmeshkal.a, for what steps do rarely. Is S positive definite: work MK_PACKED(n) numbers. */
 int mk_positive_definite_f32(int n, const float *S, float *work);
 int mk_positive_definite_f64(int n, const double *S, double *work);
+/* Root of a covariance that may be singular: filter/unscented_object.tmpl.h. */
+int mk_semidefinite_root_f32(int n, float *S, float *d, float *G);
+int mk_semidefinite_root_f64(int n, double *S, double *d, double *G);
 /* mk_gamma_root for P that is known to be positive definite. */
 int mk_gamma_search_f32(int n, const float *P, float c, float *theta, float *work);
 int mk_gamma_search_f64(int n, const double *P, double c, double *theta, double *work);
@@ -56,6 +60,7 @@ void mk_rkfd_settle_f64(int n, int complete, mk_rkfd_f64_t *core, double *W, dou
 #include "algebra/load.tmpl.h"
 #include "algebra/columns.tmpl.h"
 #include "algebra/symmetric.tmpl.h"
+#include "algebra/triangular.tmpl.h"
 #include "algebra/gamma_root.tmpl.h"
 #include "algebra/gamma_fast.tmpl.h"
 #include "filter/rkfd_step.tmpl.h"
@@ -63,6 +68,8 @@ void mk_rkfd_settle_f64(int n, int complete, mk_rkfd_f64_t *core, double *W, dou
 #include "filter/rkfd_narrow.tmpl.h"
 #endif
 #include "filter/rkfd_frozen.tmpl.h"
+#include "filter/unscented_transform.tmpl.h"
+#include "filter/unscented_kernels.tmpl.h"
 #include "network/diffusion.tmpl.h"
 #undef MK_GAMMA_CLOSE
 #undef MK_FAST_CLOSE
@@ -79,6 +86,7 @@ void mk_rkfd_settle_f64(int n, int complete, mk_rkfd_f64_t *core, double *W, dou
 #include "algebra/load.tmpl.h"
 #include "algebra/columns.tmpl.h"
 #include "algebra/symmetric.tmpl.h"
+#include "algebra/triangular.tmpl.h"
 #include "algebra/gamma_root.tmpl.h"
 #include "algebra/gamma_fast.tmpl.h"
 #include "filter/rkfd_step.tmpl.h"
@@ -86,10 +94,23 @@ void mk_rkfd_settle_f64(int n, int complete, mk_rkfd_f64_t *core, double *W, dou
 #include "filter/rkfd_narrow.tmpl.h"
 #endif
 #include "filter/rkfd_frozen.tmpl.h"
+#include "filter/unscented_transform.tmpl.h"
+#include "filter/unscented_kernels.tmpl.h"
 #include "network/diffusion.tmpl.h"
 #undef MK_GAMMA_CLOSE
 #undef MK_FAST_CLOSE
 #undef MK_FAST_ERROR
 #undef MK_BITS
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+/* The update of meshkal/unscented.h with the kernels of filter/unscented_kernels.tmpl.h compiled elsewhere. */
+mk_status_t mk_unscented_update_with_f32(int n, int m, int slots, const mk_unscented_view_f32_t *view, const mk_unscented_kernels_f32_t *kernels);
+mk_status_t mk_unscented_update_with_f64(int n, int m, int slots, const mk_unscented_view_f64_t *view, const mk_unscented_kernels_f64_t *kernels);
+#ifdef __cplusplus
+}
+#endif
+
 
 #endif

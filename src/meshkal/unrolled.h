@@ -92,4 +92,37 @@
         return MK_RKFD_UNROLLED_ROBUST(name, n);                                                                              \
     }
 
+/* MK_UNSCENTED_UNROLLED(name, real, n, m, slots): the type and functions of MK_UNSCENTED in <meshkal/unscented.h>, with the prediction and what takes
+   the time of an update compiled for these very dimensions. */
+#define MK_UNSCENTED_UNROLLED(name, real, n, m, slots) MK_UNSCENTED_TYPE(name, real, n, m, slots, MK_UNSCENTED_UNROLLED_STEP)
+
+/* Where speed counts more than size, a copy for the usual case that all readings have come. */
+#ifdef MK_VECTOR_BYTES
+#define MK_UNSCENTED_WHOLE(real, n, most) \
+    if (rows == (most) && L && (most) <= 4) return mk_inline_absorb_##real(n, u, 0, most, scale, L, x);
+#else
+#define MK_UNSCENTED_WHOLE(real, n, most)
+#endif
+
+#define MK_UNSCENTED_UNROLLED_STEP(name, real, n, m, slot_count)                                                              \
+    MK_NOINLINE mk_status_t name##_predict(name##_t *f, mk_##real##_t dt, const mk_##real##_t *Q) {                           \
+        mk_##real##_t work[2 * (n) * (2 * (n) + 1)], rest[4 * (n)];                                                           \
+        const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
+        return mk_inline_unscented_predict_##real(n, &view, rest, dt, Q);                                                     \
+    }                                                                                                                         \
+    MK_NOINLINE mk_status_t name##_stack(mk_updating_##real##_t *u, const mk_##real##_t *x, const mk_##real##_t *L) {         \
+        return mk_inline_stack_##real(n, m, slot_count, u, x, L);                                                             \
+    }                                                                                                                         \
+    MK_NOINLINE mk_##real##_t name##_absorb(mk_updating_##real##_t *u, int first, int rows, mk_##real##_t scale,              \
+                                            mk_##real##_t *L, mk_##real##_t *x) {                                             \
+        MK_UNSCENTED_WHOLE(real, n, (m) * (slot_count))                                                                       \
+        return mk_inline_absorb_##real(n, u, first, rows, scale, L, x);                                                       \
+    }                                                                                                                         \
+    MK_INLINE mk_status_t name##_update(name##_t *f) {                                                                        \
+        static const mk_unscented_kernels_##real##_t kernels = {name##_stack, name##_absorb};                                 \
+        mk_##real##_t work[MK_UNSCENTED_UPDATE_WORK(n, m, slot_count)];                                                       \
+        const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
+        return mk_unscented_update_with_##real(n, m, slot_count, &view, &kernels);                                            \
+    }
+
 #endif

@@ -18,10 +18,31 @@ $(BENCH_DIR)/eigen.o: BENCH_FLAGS += -w
 BENCH_HEADERS := $(wildcard include/meshkal/*.h src/meshkal/*.h src/meshkal/*/*.h tests/bench/*.h)
 
 .PHONY: bench
-bench: $(BENCH_DIR)/bench $(PROGRAM)
+bench: $(BENCH_DIR)/bench $(BENCH_DIR)/unscented $(PROGRAM)
 	$(BENCH_DIR)/bench $(BENCH_ARGS)
+	@$(MAKE) -s --no-print-directory $(if $(PROGRAM),,-f tests/bench/bench.mk) bench-unscented
 	$(if $(PROGRAM),@$(PYTHON) tests/bench/analyze.py $(PROGRAM) $(BENCH_DIR) $(BENCH_ANALYZE_ARGS))
 	$(if $(PROGRAM),@$(MAKE) -s --no-print-directory bench-scaling)
+
+# Unscented and extended filters beside Eigen, the Python packages of requirements.txt and the Rust crates of rust/Cargo.lock. Those that cannot be had
+# are named, and the others go on.
+.PHONY: bench-unscented
+PYTHON ?= python3
+bench-unscented: $(BENCH_DIR)/unscented
+	@echo && $(BENCH_DIR)/unscented $(BENCH_DIR)
+	@rm -f $(BENCH_DIR)/unscented-rust.txt
+	@if RUSTFLAGS="-C target-cpu=native" cargo build --quiet --release --locked --manifest-path tests/bench/rust/Cargo.toml --target-dir $(BENCH_DIR)/rust; \
+	  then $(BENCH_DIR)/rust/release/unscented $(BENCH_DIR) > $(BENCH_DIR)/unscented-rust.txt; \
+	  else echo "bench: no comparison with Rust: cargo or the crates of tests/bench/rust/Cargo.lock cannot be had (above)"; fi
+	@if test -f $(BENCH_DIR)/python/complete || { $(PYTHON) -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes --upgrade \
+	    --target $(BENCH_DIR)/python -r tests/bench/requirements.txt && touch $(BENCH_DIR)/python/complete; }; \
+	  then PYTHONPATH=$(BENCH_DIR)/python $(PYTHON) tests/bench/unscented.py $(BENCH_DIR); \
+	  else echo "bench: no comparison with FilterPy and Stone Soup: the packages of tests/bench/requirements.txt cannot be had (above)"; fi
+
+$(BENCH_DIR)/unscented: $(addprefix $(BENCH_DIR)/,unscented.o unscented_meshkal.o unscented_eigen.o library.o)
+	$(CXX) -o $@ $^ -lm
+$(BENCH_DIR)/unscented_eigen.o: BENCH_FLAGS += -w
+$(BENCH_DIR)/unscented_meshkal.o: tests/bench/unscented_meshkal.tmpl.h
 
 # Processes and threads: needs Open MPI and METIS. BENCH_SCALING_ARGS=--full divides a million nodes.
 ifdef PROGRAM

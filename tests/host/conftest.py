@@ -73,6 +73,12 @@ def shared(tmp_path_factory):
     return build
 
 
+@pytest.fixture(scope="session")
+def code(shared):
+    """The node library."""
+    return shared("src/meshkal/meshkal.c")
+
+
 def pytest_configure(config):
     config.addinivalue_line("markers", "once: statistics of C code that the plain run has already taken")
 

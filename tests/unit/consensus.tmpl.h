@@ -407,6 +407,13 @@ static void NAME(refused)(void **unused) {
     assert_int_equal(PAIR(put)(&c, 2, 0, many), MK_OK);
     memcpy(&before, &c, sizeof c);
     UNCHANGED(PAIR(iterate)(&c), MK_ERROR_NOT_FINITE);
+    PAIR(reset)(&c); /* the sum that would be sent, not what is held */
+    const REAL half = largest / 4, halves[4] = {half, half, half, (REAL)1.0};
+    assert_int_equal(PAIR(begin)(&c, huge, 0), MK_OK);
+    assert_int_equal(PAIR(put)(&c, 1, 0, halves), MK_OK);
+    assert_int_equal(PAIR(put)(&c, 2, 0, halves), MK_OK);
+    memcpy(&before, &c, sizeof c);
+    UNCHANGED(PAIR(iterate)(&c), MK_ERROR_NOT_FINITE);
     config.protocol = MK_CONSENSUS_PERRON;
     config.total = largest;
     assert_int_equal(PAIR(start)(&c, &config), MK_OK);

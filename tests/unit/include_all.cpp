@@ -7,11 +7,14 @@
 #include <meshkal/extended.h>
 #include <meshkal/frame.h>
 #include <meshkal/gamma.h>
+#include <meshkal/gate.h>
+#include <meshkal/model.h>
 #include <meshkal/node.h>
 #include <meshkal/quantile.h>
 #include <meshkal/record.h>
 #include <meshkal/rkfd.h>
 #include <meshkal/tracking.h>
+#include <meshkal/unscented.h>
 #include <meshkal/unrolled.h>
 
 #include <cstdint>
@@ -37,6 +40,10 @@ MK_DUIF(duif_f64, f64, 2, 1, 1);
 
 static_assert(std::is_standard_layout<shared_f32_t>::value && std::is_trivially_copyable<shared_f32_t>::value, "plain C structs");
 static_assert(std::is_standard_layout<unrolled_f64_t>::value && std::is_trivially_copyable<unrolled_f64_t>::value, "plain C structs");
+
+MK_UNSCENTED(tracker_f32, f32, 2, 1, 2);
+MK_UNSCENTED(tracker_f64, f64, 2, 1, 2);
+static_assert(std::is_standard_layout<tracker_f32_t>::value && std::is_trivially_copyable<tracker_f64_t>::value, "plain C structs");
 
 template <typename T> struct constants {
     T A[4] = {1, T(0.125), 0, 1}, Q[3] = {T(0.25), 0, T(0.25)}, x0[2] = {0, 0}, P0[3] = {1, 0, 1}, weight[1] = {1};
@@ -110,6 +117,31 @@ template <typename T> struct constants {
         return good && recorder.lost == 0;                                                                                     \
     }()
 
+template <typename T> mk_status_t first(const void *, T, int count, const T *x, T *y) {
+    for (int k = 0; k < count; k++) y[k] = x[2 * k];
+    return MK_OK;
+}
+
+#define TRACKER(name, real)                                                                                                    \
+    [] {                                                                                                                       \
+        static constants<mk_##real##_t> k;                                                                                     \
+        static const mk_##real##_t threshold[2] = {50, 50};                                                                    \
+        static const mk_gate_##real##_t gate = {threshold, nullptr, 3, MK_GATE_SKIP};                                          \
+        static const mk_sensor_##real##_t one = {{first<mk_##real##_t>, nullptr, nullptr, nullptr}, k.R, 1};                   \
+        static const mk_sensor_##real##_t sensors[2] = {one, one};                                                             \
+        static const name##_config_t config = {2, 1, 2, {{nullptr, nullptr, nullptr, nullptr}, k.A, k.Q}, sensors, k.x0, k.P0, MK_TRANSFORM_CUBATURE(2), \
+                                               &gate, 1, MK_UPDATE_UNSCENTED, MK_RULE_NONE, 0};                                \
+        static name##_t filter;                                                                                                \
+        const mk_##real##_t z[1] = {2};                                                                                        \
+        mk_##real##_t P[3], s[2], S[3];                                                                                        \
+        bool good = name##_start(&filter, &config) == MK_OK && name##_predict(&filter, 1, nullptr) == MK_OK;                   \
+        good = good && name##_put(&filter, 0, z) == MK_OK && name##_put(&filter, 1, z) == MK_OK && name##_drop(&filter, 1) == MK_OK; \
+        good = good && name##_update(&filter) == MK_OK && name##_put(&filter, 1, z) == MK_OK;                                  \
+        good = good && name##_contribution(&filter, s, S) == MK_OK && name##_inform(&filter, 1, s, S) == MK_OK;                \
+        good = good && name##_covariance(&filter, P) == MK_OK && P[0] > 0 && name##_root(&filter)[0] > 0;                      \
+        return good && name##_estimate(&filter)[0] > 1 && name##_restart(&filter, k.x0, k.P0) == MK_OK;                        \
+    }()
+
 #define CONSENSUS(name, real)                                                                                                  \
     [] {                                                                                                                       \
         static name##_t c;                                                                                                     \
@@ -123,11 +155,6 @@ template <typename T> struct constants {
         name##_reset(&c);                                                                                                      \
         return good && name##_average(&c, mean) == MK_ERROR_ORDER;                                                             \
     }()
-
-template <typename T> mk_status_t first(const void *, T, int count, const T *x, T *z) {
-    for (int i = 0; i < count; i++) z[i] = x[2 * i];
-    return MK_OK;
-}
 
 #define DUIF(name, real)                                                                                                       \
     [] {                                                                                                                       \
@@ -187,6 +214,6 @@ int main() {
                       NODE(node_f32, f32) && NODE(node_f64, f64) && NODE(quick_f32, f32) && NODE(quick_f64, f64) &&
                       CONSENSUS(consensus_f32, f32) && CONSENSUS(consensus_f64, f64) && DUIF(duif_f32, f32) && DUIF(duif_f64, f64) &&
                       gamma<float>(mk_gamma_root_f32, mk_gamma_f32) && gamma<double>(mk_gamma_root_f64, mk_gamma_f64) &&
-                      TRACKING(f32) && TRACKING(f64) && mk_status_name(MK_OK)[0] == 'M';
+                      TRACKING(f32) && TRACKING(f64) && TRACKER(tracker_f32, f32) && TRACKER(tracker_f64, f64) && mk_status_name(MK_OK)[0] == 'M';
     return good ? 0 : 1;
 }

@@ -153,6 +153,7 @@ static void dense_range(int paper, double px, double py, double R, double z, con
 #define BITS 32
 #include "duif_network.tmpl.h"
 #include "duif_frames.tmpl.h"
+#include "duif_steps.tmpl.h"
 #undef PRECISION
 #undef REAL
 #undef BITS
@@ -162,13 +163,14 @@ static void dense_range(int paper, double px, double py, double R, double z, con
 #define BITS 64
 #include "duif_network.tmpl.h"
 #include "duif_frames.tmpl.h"
+#include "duif_steps.tmpl.h"
 
 #define BOTH(name) cmocka_unit_test(name##_f32), cmocka_unit_test(name##_f64)
 
 int main(void) {
     const struct CMUnitTest tests[] = {
         BOTH(kalman), BOTH(central), BOTH(kalman_consensus), BOTH(isolated), BOTH(short_numbers), BOTH(same_bits), BOTH(sent),
-        BOTH(damaged), BOTH(causes), BOTH(masses), BOTH(sealed), BOTH(behind), BOTH(hostile), BOTH(turns),
+        BOTH(damaged), BOTH(causes), BOTH(masses), BOTH(sealed), BOTH(behind), BOTH(hostile), BOTH(overflow), BOTH(turns),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -93,6 +93,42 @@ MK_KERNEL void MK_F(mk_row_sum)(int n, const MK_REAL *x, MK_REAL *y) {
     for (; j < n; j++) y[j] += x[j];
 }
 
+/* y[0 .. n) -= x[0 .. n) */
+MK_KERNEL void MK_F(mk_row_difference)(int n, const MK_REAL *x, MK_REAL *y) {
+    int j = 0;
+#ifdef MK_VECTOR_BYTES
+    MK_UNROLL for (; j + MK_WIDE <= n; j += MK_WIDE)
+        MK_F(mk_store_wide)(MK_F(mk_load_wide)(y + j) - MK_F(mk_load_wide)(x + j), y + j);
+    MK_UNROLL for (; j + 2 <= n; j += 2)
+        MK_F(mk_store_pair)(MK_F(mk_load_pair)(y + j) - MK_F(mk_load_pair)(x + j), y + j);
+#endif
+    MK_UNROLL for (; j < n; j++) y[j] -= x[j];
+}
+
+/* y[0 .. n) := g (y[0 .. n) - f x[0 .. n)) */
+MK_KERNEL void MK_F(mk_row_step)(int n, MK_REAL f, const MK_REAL *x, MK_REAL g, MK_REAL *y) {
+    int j = 0;
+#ifdef MK_VECTOR_BYTES
+    MK_UNROLL for (; j + MK_WIDE <= n; j += MK_WIDE)
+        MK_F(mk_store_wide)(g * (MK_F(mk_load_wide)(y + j) - f * MK_F(mk_load_wide)(x + j)), y + j);
+    MK_UNROLL for (; j + 2 <= n; j += 2)
+        MK_F(mk_store_pair)(g * (MK_F(mk_load_pair)(y + j) - f * MK_F(mk_load_pair)(x + j)), y + j);
+#endif
+    MK_UNROLL for (; j < n; j++) y[j] = g * (y[j] - f * x[j]);
+}
+
+/* y[0 .. n) := f (y[0 .. n) + x[0 .. n)) */
+MK_KERNEL void MK_F(mk_row_sum_scaled)(int n, MK_REAL f, const MK_REAL *x, MK_REAL *y) {
+    int j = 0;
+#ifdef MK_VECTOR_BYTES
+    MK_UNROLL for (; j + MK_WIDE <= n; j += MK_WIDE)
+        MK_F(mk_store_wide)(f * (MK_F(mk_load_wide)(y + j) + MK_F(mk_load_wide)(x + j)), y + j);
+    MK_UNROLL for (; j + 2 <= n; j += 2)
+        MK_F(mk_store_pair)(f * (MK_F(mk_load_pair)(y + j) + MK_F(mk_load_pair)(x + j)), y + j);
+#endif
+    MK_UNROLL for (; j < n; j++) y[j] = f * (y[j] + x[j]);
+}
+
 /* y[0 .. n) += f x[0 .. n) */
 MK_KERNEL void MK_F(mk_row_add)(int n, MK_REAL f, const MK_REAL *x, MK_REAL *y) {
     int j = 0;

@@ -2,70 +2,60 @@
 /* Lower triangular factors L of covariances P = L L', packed by rows: made, solved with, and multiplied from the right by what an update does to
    them, so that P is never formed and cannot lose its definiteness. */
 
-/* Packed S := L with S = L L', positive semidefinite: what rounding has left of a zero pivot becomes zero, and so its column, if that can be
-   rounding, too. Returns 1, or 0 if S is indefinite or not finite; S is spoilt then. */
+/* Packed S := L with S = L L'. Returns 1, or 0 if S is not positive definite, as far as rounding lets that be told, or not finite; S is spoilt then. */
 MK_KERNEL int MK_F(mk_cholesky)(int n, MK_REAL *S) {
-    int good = 1;
-    for (int i = 0; i < n; i++) {
+    MK_UNROLL for (int i = 0; i < n; i++) {
         const MK_REAL diagonal = S[MK_AT(i, i)], slack = MK_R(8.0) * MK_EPSILON * (MK_REAL)n * diagonal;
         MK_REAL pivot = diagonal;
-        for (int j = 0; j < i; j++) {
+        MK_UNROLL for (int j = 0; j < i; j++) {
             MK_REAL sum = S[MK_AT(i, j)];
-            for (int k = 0; k < j; k++) sum -= S[MK_AT(i, k)] * S[MK_AT(j, k)];
-            const MK_REAL root = S[MK_AT(j, j)];
-            /* A zero column of a semidefinite matrix: what is left of it squared is below the pivots of both rows. */
-            if (root > MK_R(0.0)) S[MK_AT(i, j)] = sum / root;
-            else {
-                good &= sum * sum <= MK_R(64.0) * MK_EPSILON * (MK_REAL)n * diagonal * -root;
-                S[MK_AT(i, j)] = MK_R(0.0);
-            }
+            MK_UNROLL for (int k = 0; k < j; k++) sum -= S[MK_AT(i, k)] * S[MK_AT(j, k)];
+            S[MK_AT(i, j)] = sum / S[MK_AT(j, j)];
             pivot -= S[MK_AT(i, j)] * S[MK_AT(i, j)];
         }
-        good &= pivot >= -slack && diagonal <= MK_LARGEST;
-        /* The diagonal element of a column that is zero waits as its negative for the rows below. */
-        S[MK_AT(i, i)] = pivot > slack ? MK_F(mk_sqrt)(pivot) : -diagonal;
+        if (!(pivot > slack && diagonal <= MK_LARGEST)) return 0;
+        S[MK_AT(i, i)] = MK_F(mk_sqrt)(pivot);
     }
-    for (int i = 0; i < n; i++)
-        if (!(S[MK_AT(i, i)] > MK_R(0.0))) S[MK_AT(i, i)] = MK_R(0.0);
-    return good;
+    return 1;
 }
 
-/* L L' := A A', A n x columns in row order, columns >= n: Householder reflections from the right. A is spoilt; the diagonal of L is not negative. */
-MK_KERNEL void MK_F(mk_triangularise)(int n, int columns, MK_REAL *A, MK_REAL *L) {
-    for (int i = 0; i < n; i++) {
-        MK_REAL *const row = A + i * columns;
-        MK_REAL square = MK_R(0.0);
-        for (int k = i; k < columns; k++) square += row[k] * row[k];
-        const MK_REAL norm = MK_F(mk_sqrt)(square);
-        const MK_REAL sign = row[i] > MK_R(0.0) ? MK_R(-1.0) : MK_R(1.0); /* of what the reflection makes of row[i]: no cancellation */
-        row[i] -= sign * norm;
-        const MK_REAL half = norm * (row[i] < MK_R(0.0) ? -row[i] : row[i]); /* v'v / 2 */
+/* L L' := sum over `total` columns a of a a'; A holds them one after another, n numbers each: `full` ones, at least 1, then those of a lower triangular matrix, of
+   which the first i are not zero in row i and above. Householder reflections mix the columns; each number of w = sum a_i a, from which norm and factors
+   follow, is a sum of its own, so that vector units may take them together. A is spoilt; the diagonal of L is not negative. work: n numbers. */
+MK_KERNEL void MK_F(mk_triangularise)(int n, int full, int total, MK_REAL *MK_RESTRICT A, MK_REAL *MK_RESTRICT L, MK_REAL *MK_RESTRICT work) {
+    MK_UNROLL for (int i = 0; i < n; i++) {
+        MK_REAL *const head = A + i * n;
+        const int from = MK_LANES_FROM(i), count = n - from, columns = full + i + 1 < total ? full + i + 1 : total;
+        MK_F(mk_row_scale)(count, head[i], head + from, work + from);
+        for (int k = i + 1; k < columns; k++) MK_F(mk_row_add)(count, A[k * n + i], A + k * n + from, work + from);
+        const MK_REAL norm = MK_F(mk_sqrt)(work[i]);
+        const MK_REAL sign = head[i] > MK_R(0.0) ? MK_R(-1.0) : MK_R(1.0); /* of what the reflection makes of head[i]: no cancellation */
+        const MK_REAL v = head[i] - sign * norm, half = norm * (v < MK_R(0.0) ? -v : v); /* v'v / 2 */
+        const MK_REAL inverse = half >= MK_SMALLEST ? MK_R(1.0) / half : MK_R(0.0);
+        MK_F(mk_row_step)(count, sign * norm, head + from, inverse, work + from);
         L[MK_AT(i, i)] = norm;
-        for (int r = i + 1; r < n; r++) {
-            MK_REAL *const other = A + r * columns;
-            MK_REAL sum = MK_R(0.0);
-            for (int k = i; k < columns; k++) sum += row[k] * other[k];
-            const MK_REAL factor = half > MK_R(0.0) ? sum / half : MK_R(0.0);
-            for (int k = i; k < columns; k++) other[k] -= factor * row[k];
-            L[MK_AT(r, i)] = sign * other[i];
+        MK_UNROLL for (int r = i + 1; r < n; r++) L[MK_AT(r, i)] = sign * (head[r] - work[r] * v);
+        if (i + 1 < n) {
+            const int next = MK_LANES_FROM(i + 1);
+            for (int k = i + 1; k < columns; k++) MK_F(mk_row_subtract)(n - next, A[k * n + i], work + next, A + k * n + next);
         }
     }
 }
 
 /* y L = v, in place: v' := L'^-1 v'. */
 MK_KERNEL void MK_F(mk_solve_right)(int n, const MK_REAL *L, MK_REAL *v) {
-    for (int j = n - 1; j >= 0; j--) {
+    MK_UNROLL for (int j = n - 1; j >= 0; j--) {
         MK_REAL sum = v[j];
-        for (int i = j + 1; i < n; i++) sum -= v[i] * L[MK_AT(i, j)];
+        MK_UNROLL for (int i = j + 1; i < n; i++) sum -= v[i] * L[MK_AT(i, j)];
         v[j] = sum / L[MK_AT(j, j)];
     }
 }
 
 /* v := L^-1 v. */
 MK_KERNEL void MK_F(mk_solve_left)(int n, const MK_REAL *L, MK_REAL *v) {
-    for (int i = 0; i < n; i++) {
+    MK_UNROLL for (int i = 0; i < n; i++) {
         MK_REAL sum = v[i];
-        for (int j = 0; j < i; j++) sum -= L[MK_AT(i, j)] * v[j];
+        MK_UNROLL for (int j = 0; j < i; j++) sum -= L[MK_AT(i, j)] * v[j];
         v[i] = sum / L[MK_AT(i, i)];
     }
 }
@@ -73,13 +63,14 @@ MK_KERNEL void MK_F(mk_solve_left)(int n, const MK_REAL *L, MK_REAL *v) {
 /* The lower triangular T with T T' = (I + f f')^-1 (Carlson 1973), as keep and mix: T_jj = keep_j, T_ij = -f_i mix_j for i > j. Only positive
    numbers are added. Returns 1 + f'f. */
 MK_KERNEL MK_REAL MK_F(mk_shrink_prepare)(int n, const MK_REAL *f, MK_REAL *keep, MK_REAL *mix) {
-    MK_REAL alpha = MK_R(1.0), root = MK_R(1.0);
-    for (int j = n - 1; j >= 0; j--) {
+    MK_REAL alpha = MK_R(1.0), root = MK_R(1.0), inverse = MK_R(1.0);
+    MK_UNROLL for (int j = n - 1; j >= 0; j--) {
         alpha += f[j] * f[j];
-        const MK_REAL next = MK_F(mk_sqrt)(alpha), inverse = MK_R(1.0) / next;
-        keep[j] = root * inverse;
-        mix[j] = f[j] * inverse / root;
+        const MK_REAL next = MK_F(mk_sqrt)(alpha), next_inverse = MK_R(1.0) / next;
+        keep[j] = root * next_inverse;
+        mix[j] = f[j] * next_inverse * inverse;
         root = next;
+        inverse = next_inverse;
     }
     return alpha;
 }
@@ -87,7 +78,7 @@ MK_KERNEL MK_REAL MK_F(mk_shrink_prepare)(int n, const MK_REAL *f, MK_REAL *keep
 /* v := v T for a row of which the first `count` numbers are not zero. Returns v f of the old v. */
 MK_KERNEL MK_REAL MK_F(mk_shrink_row)(int count, const MK_REAL *f, const MK_REAL *keep, const MK_REAL *mix, MK_REAL *v) {
     MK_REAL sum = MK_R(0.0);
-    for (int j = count - 1; j >= 0; j--) {
+    MK_UNROLL for (int j = count - 1; j >= 0; j--) {
         const MK_REAL old = v[j];
         v[j] = old * keep[j] - mix[j] * sum;
         sum += old * f[j];

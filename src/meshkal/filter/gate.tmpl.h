@@ -27,3 +27,14 @@ mk_status_t MK_F(mk_gate_thresholds)(double tail, int count, MK_REAL *threshold)
     for (int i = 0; i < count; i++) threshold[i] = (MK_REAL)mk_chi2_quantile(tail, (double)(i + 1));
     return MK_OK;
 }
+
+/* What start says of a gate: thresholds are numbers that are not negative, for `rows` rows of a sensor and `most` together; the policy is one of those
+   there are. */
+static mk_status_t MK_F(mk_gate_check)(const MK_F_T(mk_gate) * gate, int rows, int most) {
+    for (int i = 0; i < most; i++) {
+        const MK_REAL single = gate->sensor && i < rows ? gate->sensor[i] : MK_R(0.0), stacked = gate->stacked ? gate->stacked[i] : MK_R(0.0);
+        if (!(single * MK_R(0.0) == MK_R(0.0) && stacked * MK_R(0.0) == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
+        if (single < MK_R(0.0) || stacked < MK_R(0.0)) return MK_ERROR_ARGUMENT;
+    }
+    return gate->policy > MK_GATE_INFLATE ? MK_ERROR_ARGUMENT : MK_OK;
+}

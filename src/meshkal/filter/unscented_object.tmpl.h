@@ -5,7 +5,40 @@
 static mk_status_t MK_F(mk_factor)(int n, const MK_REAL *S, MK_REAL *L) {
     if (!MK_F(mk_all_finite)(MK_AT(n, 0), S)) return MK_ERROR_NOT_FINITE;
     for (int i = 0; i < MK_AT(n, 0); i++) L[i] = S[i];
-    return MK_F(mk_cholesky)(n, L) && MK_F(mk_is_factor)(n, L) ? MK_OK : MK_ERROR_NOT_POSITIVE_DEFINITE;
+    return MK_F(mk_cholesky)(n, L) ? MK_OK : MK_ERROR_NOT_POSITIVE_DEFINITE;
+}
+
+/* Columns G, n of n numbers, with G G' = S, packed and positive semidefinite. The pivot that is largest by its own diagonal element comes first,
+   so that what is left at the end is rounding whatever the rank (in the order of rows, a small pivot that is rounding itself would spoil what
+   follows). Returns 1, or 0 if S is indefinite or not finite. S and d, n numbers, are spoilt. */
+int MK_F(mk_semidefinite_root)(int n, MK_REAL *S, MK_REAL *d, MK_REAL *G) {
+    const MK_REAL slack = MK_R(8.0) * MK_EPSILON * (MK_REAL)n;
+    for (int i = 0; i < n; i++) {
+        d[i] = S[MK_AT(i, i)];
+        if (!(d[i] >= MK_R(0.0) && d[i] <= MK_LARGEST)) return 0;
+    }
+    for (int k = 0; k < n; k++) {
+        int p = -1;
+        MK_REAL most = slack;
+        for (int i = 0; i < n; i++) {
+            const MK_REAL ratio = d[i] > MK_R(0.0) ? S[MK_AT(i, i)] / d[i] : MK_R(0.0);
+            if (ratio > most) {
+                most = ratio;
+                p = i;
+            }
+        }
+        const MK_REAL root = p < 0 ? MK_R(1.0) : MK_F(mk_sqrt)(S[MK_AT(p, p)]);
+        for (int i = 0; i < n; i++) G[k * n + i] = p < 0 ? MK_R(0.0) : S[MK_PLACE(i, p)] / root;
+        for (int i = 0; i < n && p >= 0; i++)
+            for (int j = 0; j <= i; j++) S[MK_AT(i, j)] = i == p || j == p ? MK_R(0.0) : S[MK_AT(i, j)] - G[k * n + i] * G[k * n + j];
+    }
+    for (int i = 0; i < n; i++) d[i] = MK_F(mk_sqrt)(d[i]);
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j <= i; j++) {
+            const MK_REAL bound = MK_R(2.0) * slack * d[i] * d[j];
+            if (!(S[MK_AT(i, j)] >= -bound && S[MK_AT(i, j)] <= bound)) return 0;
+        }
+    return 1;
 }
 
 static mk_status_t MK_F(mk_unscented_check)(int n, int m, int slots, const MK_F_T(mk_unscented_config) * config, MK_REAL *work) {
@@ -22,8 +55,9 @@ static mk_status_t MK_F(mk_unscented_check)(int n, int m, int slots, const MK_F_
     if (g->A && !MK_F(mk_all_finite)(n * n, g->A)) return MK_ERROR_NOT_FINITE;
     if (g->Q) {
         if (!MK_F(mk_all_finite)(MK_AT(n, 0), g->Q)) return MK_ERROR_NOT_FINITE;
+        MK_REAL *const d = work + MK_AT(n, 0);
         for (int i = 0; i < MK_AT(n, 0); i++) work[i] = g->Q[i];
-        if (!MK_F(mk_cholesky)(n, work)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+        if (!MK_F(mk_semidefinite_root)(n, work, d, d + n)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
     }
     for (int l = 0; l < slots; l++) {
         const MK_F_T(mk_sensor) *const sensor = config->sensor + l;
@@ -32,7 +66,7 @@ static mk_status_t MK_F(mk_unscented_check)(int n, int m, int slots, const MK_F_
         const mk_status_t status = MK_F(mk_factor)(sensor->rows, sensor->R, work);
         if (status != MK_OK) return status;
     }
-    return MK_OK;
+    return config->gate ? MK_F(mk_gate_check)(config->gate, m, m * slots) : MK_OK;
 }
 
 static mk_status_t MK_F(mk_unscented_reset)(int n, int slots, const MK_F_T(mk_unscented_view) * view, const MK_REAL *x0, const MK_REAL *P0) {

@@ -1,17 +1,22 @@
 /* SPDX-License-Identifier: MIT */
 /* The unscented transform in the form of meshkal/unscented.h, and the prediction. */
 
-/* Results of a model at and around x: D and U (`rows` rows, `stride` apart, of n numbers each), mu, and epsilon, by which a mean callback differs
-   from mu. */
+/* Results of a model at and around x: element (r, j) of D and U stands at r * row + j * column; mu; epsilon, by which a mean callback differs from mu. */
 typedef struct {
     MK_REAL *D, *U, *mu, *epsilon;
-    int stride;
+    int row, column;
 } MK_F_T(mk_linear);
 
-/* What linearising needs for itself: points n (2 n + 1) numbers, results of as many with the most rows, two rows. */
+/* Numbers that follow from the spread. */
 typedef struct {
-    MK_REAL *points, *results, *a, *b;
-} MK_F_T(mk_linear_work);
+    MK_REAL c, w, scale; /* sqrt(spread), 1 / 2 spread, 1 / 2 c */
+} MK_F_T(mk_weights);
+
+MK_KERNEL MK_F_T(mk_weights) MK_F(mk_weigh)(const MK_F_T(mk_transform) * transform) {
+    const MK_REAL c = MK_F(mk_sqrt)(transform->spread);
+    const MK_F_T(mk_weights) weights = {c, MK_R(0.5) / transform->spread, MK_R(0.5) / c};
+    return weights;
+}
 
 MK_KERNEL void MK_F(mk_space_difference)(const MK_F_T(mk_space) * space, int rows, const MK_REAL *a, const MK_REAL *b, MK_REAL *d) {
     if (space && space->difference) space->difference(space->context, a, b, d);
@@ -19,108 +24,109 @@ MK_KERNEL void MK_F(mk_space_difference)(const MK_F_T(mk_space) * space, int row
         for (int r = 0; r < rows; r++) d[r] = a[r] - b[r];
 }
 
-static mk_status_t MK_F(mk_call)(const MK_F_T(mk_model) * model, int n, int rows, int one_at_a_time, MK_REAL dt, int count, const MK_REAL *x, MK_REAL *y) {
+/* X := x and the points around it, n numbers each. */
+MK_KERNEL void MK_F(mk_draw)(int n, MK_REAL c, const MK_REAL *x, const MK_REAL *L, MK_REAL *X) {
+    MK_UNROLL for (int i = 0; i < n; i++) X[i] = x[i];
+    MK_UNROLL for (int j = 0; j < n; j++) {
+        MK_REAL *const up = X + (1 + j) * n, *const down = up + n * n;
+        MK_UNROLL for (int i = 0; i < n; i++) {
+            const MK_REAL step = i < j ? MK_R(0.0) : c * L[MK_AT(i, j)];
+            up[i] = x[i] + step;
+            down[i] = x[i] - step;
+        }
+    }
+}
+
+/* Y := the function at `count` points. What is not finite is left to be found in what is made of it, but for differences, which may hide it. */
+MK_KERNEL mk_status_t MK_F(mk_call)(const MK_F_T(mk_model) * model, int n, int rows, int one_at_a_time, MK_REAL dt, int count, const MK_REAL *x, MK_REAL *y) {
     mk_status_t status = MK_OK;
     const int at_once = one_at_a_time ? 1 : count;
     for (int k = 0; k < count && status == MK_OK; k += at_once) status = model->function(model->context, dt, at_once, x + k * n, y + k * rows);
-    if (status != MK_OK) return status;
-    return MK_F(mk_all_finite)(count * rows, y) ? MK_OK : MK_ERROR_NOT_FINITE;
+    return status == MK_OK && model->space && !MK_F(mk_all_finite)(count * rows, y) ? MK_ERROR_NOT_FINITE : status;
 }
 
-/* mean := y_0 + mu, or what the space says it is; fills the rest of *out. */
-static mk_status_t MK_F(mk_linearise)(const MK_F_T(mk_unscented_config) * config, const MK_F_T(mk_model) * model, int n, int rows, MK_REAL dt, const MK_REAL *x,
-                                      const MK_REAL *L, const MK_F_T(mk_linear_work) * work, const MK_F_T(mk_linear) * out, MK_REAL *mean) {
-    MK_REAL *const X = work->points, *const Y = work->results;
-    const MK_REAL spread = config->transform.spread, c = MK_F(mk_sqrt)(spread), w = MK_R(0.5) / spread;
-    for (int k = 0; k <= 2 * n; k++)
-        for (int i = 0; i < n; i++) X[k * n + i] = x[i];
-    for (int j = 0; j < n; j++)
-        for (int i = j; i < n; i++) {
-            const MK_REAL step = c * L[MK_AT(i, j)];
-            X[(1 + j) * n + i] += step;
-            X[(1 + n + j) * n + i] -= step;
-        }
-    const mk_status_t status = MK_F(mk_call)(model, n, rows, config->one_at_a_time, dt, 2 * n + 1, X, Y);
+/* X: what mk_draw made; spoilt if the model has a mean callback. Y: results, spoilt; *out may be in it, D in place of the points x + c L_j, U in place of
+   those below. mean := y_0 + mu, or what the space says it is. one: rows numbers. */
+MK_KERNEL mk_status_t MK_F(mk_linearise)(int n, int rows, const MK_F_T(mk_model) * model, int one_at_a_time, const MK_F_T(mk_weights) * weights, MK_REAL dt,
+                                         MK_REAL *X, MK_REAL *Y, MK_REAL *one, const MK_F_T(mk_linear) * out, MK_REAL *mean) {
+    const MK_F_T(mk_space) *const space = model->space;
+    const MK_REAL w = weights->w, scale = weights->scale;
+    const mk_status_t status = MK_F(mk_call)(model, n, rows, one_at_a_time, dt, 2 * n + 1, X, Y);
     if (status != MK_OK) return status;
-    const MK_REAL scale = MK_R(0.5) / c;
-    for (int r = 0; r < rows; r++) out->mu[r] = out->epsilon[r] = MK_R(0.0);
-    for (int j = 0; j < n; j++) {
-        MK_F(mk_space_difference)(model->space, rows, Y + (1 + j) * rows, Y, work->a);
-        MK_F(mk_space_difference)(model->space, rows, Y + (1 + n + j) * rows, Y, work->b);
-        for (int r = 0; r < rows; r++) {
-            const MK_REAL u = work->a[r] + work->b[r];
-            out->D[r * out->stride + j] = (work->a[r] - work->b[r]) * scale;
-            out->U[r * out->stride + j] = u;
+    if (space && space->mean) {
+        X[0] = MK_R(1.0) - (MK_REAL)(2 * n) * w;
+        for (int k = 1; k <= 2 * n; k++) X[k] = w;
+        space->mean(space->context, 2 * n + 1, X, Y, mean);
+        if (!MK_F(mk_all_finite)(rows, mean)) return MK_ERROR_NOT_FINITE;
+    }
+    if (space && space->difference)
+        for (int k = 1; k <= 2 * n; k++) {
+            space->difference(space->context, Y + k * rows, Y, one);
+            for (int r = 0; r < rows; r++) Y[k * rows + r] = one[r];
+        }
+    else
+        MK_UNROLL_ALL for (int k = 1; k <= 2 * n; k++) MK_F(mk_row_difference)(rows, Y, Y + k * rows);
+    MK_UNROLL for (int r = 0; r < rows; r++) out->mu[r] = out->epsilon[r] = MK_R(0.0);
+    MK_UNROLL for (int j = 0; j < n; j++) {
+        MK_UNROLL for (int r = 0; r < rows; r++) {
+            const MK_REAL a = Y[(1 + j) * rows + r], b = Y[(1 + n + j) * rows + r], u = a + b;
+            out->D[r * out->row + j * out->column] = (a - b) * scale;
+            out->U[r * out->row + j * out->column] = u;
             out->mu[r] += u;
         }
     }
-    for (int r = 0; r < rows; r++) {
-        out->mu[r] *= w;
-        mean[r] = Y[r] + out->mu[r];
+    MK_UNROLL for (int r = 0; r < rows; r++) out->mu[r] *= w;
+    if (space && space->mean) {
+        MK_F(mk_space_difference)(space, rows, mean, Y, one);
+        for (int r = 0; r < rows; r++) out->epsilon[r] = one[r] - out->mu[r];
+        return MK_OK;
     }
-    if (model->space && model->space->mean) {
-        X[0] = MK_R(1.0) - (MK_REAL)(2 * n) * w;
-        for (int k = 1; k <= 2 * n; k++) X[k] = w;
-        model->space->mean(model->space->context, 2 * n + 1, X, Y, mean);
-        if (!MK_F(mk_all_finite)(rows, mean)) return MK_ERROR_NOT_FINITE;
-        MK_F(mk_space_difference)(model->space, rows, mean, Y, work->a);
-        for (int r = 0; r < rows; r++) out->epsilon[r] = work->a[r] - out->mu[r];
-    }
-    return MK_OK;
+    MK_UNROLL for (int r = 0; r < rows; r++) mean[r] = Y[r] + out->mu[r];
+    return MK_F(mk_all_finite)(rows, mean) ? MK_OK : MK_ERROR_NOT_FINITE;
 }
 
-/* The same from the model's Jacobian at x. */
-static mk_status_t MK_F(mk_extend)(const MK_F_T(mk_model) * model, int n, int rows, MK_REAL dt, const MK_REAL *x, const MK_REAL *L,
-                                   const MK_F_T(mk_linear_work) * work, const MK_F_T(mk_linear) * out, MK_REAL *mean) {
-    MK_REAL *const J = work->results;
-    mk_status_t status = MK_F(mk_call)(model, n, rows, 1, dt, 1, x, mean);
+/* The same from the model's Jacobian at x. J: rows x n. */
+MK_KERNEL mk_status_t MK_F(mk_extend)(int n, int rows, const MK_F_T(mk_model) * model, MK_REAL dt, const MK_REAL *x, const MK_REAL *L, MK_REAL *J,
+                                      const MK_F_T(mk_linear) * out, MK_REAL *mean) {
+    mk_status_t status = model->function(model->context, dt, 1, x, mean);
     if (status == MK_OK) status = model->jacobian(model->context, dt, x, J);
     if (status != MK_OK) return status;
-    if (!MK_F(mk_all_finite)(rows * n, J)) return MK_ERROR_NOT_FINITE;
+    if (!MK_F(mk_all_finite)(rows, mean) || !MK_F(mk_all_finite)(rows * n, J)) return MK_ERROR_NOT_FINITE;
     for (int r = 0; r < rows; r++) {
         out->mu[r] = out->epsilon[r] = MK_R(0.0);
-        for (int j = 0; j < n; j++) {
+        MK_UNROLL for (int j = 0; j < n; j++) {
             MK_REAL sum = MK_R(0.0);
-            for (int i = j; i < n; i++) sum += J[r * n + i] * L[MK_AT(i, j)];
-            out->D[r * out->stride + j] = sum;
-            out->U[r * out->stride + j] = MK_R(0.0);
+            MK_UNROLL for (int i = j; i < n; i++) sum += J[r * n + i] * L[MK_AT(i, j)];
+            out->D[r * out->row + j * out->column] = sum;
+            out->U[r * out->row + j * out->column] = MK_R(0.0);
         }
     }
     return MK_OK;
-}
-
-/* Element (r, s) of Omega: the residual of the linearisation. */
-MK_KERNEL MK_REAL MK_F(mk_residual)(const MK_F_T(mk_transform) * transform, int n, const MK_F_T(mk_linear) * l, int r, int s) {
-    const MK_REAL b = transform->correction, *const u = l->U + r * l->stride, *const v = l->U + s * l->stride;
-    MK_REAL sum = MK_R(0.0);
-    for (int j = 0; j < n; j++) sum += u[j] * v[j];
-    return sum * (MK_R(0.25) / transform->spread) + b * l->mu[r] * l->mu[s] +
-           (MK_R(1.0) + b) * (l->epsilon[r] * l->mu[s] + l->mu[r] * l->epsilon[s]) + (MK_R(2.0) + b) * l->epsilon[r] * l->epsilon[s];
 }
 
 /* The same as columns: U := V with V V' = Omega, and `extra`, a column more; returns 1 if it is to be added, -1 if extra extra' is to be subtracted, 0 if
-   there is none. Where the weight of the centre is not negative, there is nothing to subtract. */
-static int MK_F(mk_residual_columns)(const MK_F_T(mk_transform) * transform, int n, const MK_F_T(mk_linear) * l, int with_mean, MK_REAL *extra) {
+   there is none. Where the weight of the centre is not negative, there is nothing to subtract. U by columns of n numbers. */
+MK_KERNEL int MK_F(mk_residual_columns)(int n, const MK_F_T(mk_transform) * transform, const MK_F_T(mk_linear) * l, int with_mean, MK_REAL *extra) {
     const MK_REAL w = MK_R(0.5) / transform->spread, b = transform->correction, root = MK_F(mk_sqrt)(MK_R(0.5) * w), count = (MK_REAL)n;
-    MK_REAL weight, shift;
+    MK_REAL weight, factor;
+    int sign;
     if (with_mean) { /* w/2 sum (u_j - 2 delta)(u_j - 2 delta)' + weight delta delta' */
         weight = MK_R(2.0) + b - MK_R(2.0) * count * w;
-        for (int i = 0; i < n; i++) {
-            const MK_REAL delta = l->mu[i] + l->epsilon[i];
-            for (int j = 0; j < n; j++) l->U[i * l->stride + j] = root * (l->U[i * l->stride + j] - MK_R(2.0) * delta);
-            extra[i] = MK_F(mk_sqrt)(weight < MK_R(0.0) ? -weight : weight) * delta;
-        }
-        return weight > MK_R(0.0) ? 1 : weight < MK_R(0.0) ? -1 : 0;
+        sign = weight > MK_R(0.0) ? 1 : weight < MK_R(0.0) ? -1 : 0;
+        factor = MK_F(mk_sqrt)(weight < MK_R(0.0) ? -weight : weight);
+        for (int i = 0; i < n; i++) extra[i] = MK_R(-2.0) * (l->mu[i] + l->epsilon[i]);
+        factor *= MK_R(-0.5);
+    } else { /* w/2 U (I + 2 w b 1 1') U': the matrix of ones has one eigenvalue, n; its factor I + shift 1 1' takes it into the columns */
+        weight = MK_R(1.0) + MK_R(2.0) * w * b * count;
+        sign = weight < MK_R(0.0) ? -1 : 0;
+        const MK_REAL shift = ((sign == 0 ? MK_F(mk_sqrt)(weight) : MK_R(0.0)) - MK_R(1.0)) / (count * w);
+        MK_UNROLL for (int i = 0; i < n; i++) extra[i] = shift * l->mu[i];
+        factor = sign == 0 ? MK_R(0.0) : -root * MK_F(mk_sqrt)(-weight * count);
     }
-    /* w/2 U (I + 2 w b 1 1') U': the matrix of ones has one eigenvalue, n; its factor I + shift 1 1' takes it into the columns. */
-    weight = MK_R(1.0) + MK_R(2.0) * w * b * count;
-    shift = ((weight > MK_R(0.0) ? MK_F(mk_sqrt)(weight) : MK_R(0.0)) - MK_R(1.0)) / count;
-    for (int i = 0; i < n; i++) {
-        const MK_REAL sum = l->mu[i] / w;
-        for (int j = 0; j < n; j++) l->U[i * l->stride + j] = root * (l->U[i * l->stride + j] + shift * sum);
-        extra[i] = weight < MK_R(0.0) ? root * MK_F(mk_sqrt)(-weight / count) * sum : MK_R(0.0);
-    }
-    return weight < MK_R(0.0) ? -1 : 0;
+    MK_UNROLL_ALL for (int j = 0; j < n; j++) MK_F(mk_row_sum_scaled)(n, root, extra, l->U + j * n);
+    if (sign != 0)
+        for (int i = 0; i < n; i++) extra[i] *= factor;
+    return sign;
 }
 
 /* 1 if this is the factor of a positive definite matrix. */
@@ -131,20 +137,21 @@ MK_KERNEL int MK_F(mk_is_factor)(int n, const MK_REAL *L) {
 }
 
 /* D := A L, and mean := A x. */
-static void MK_F(mk_apply)(int n, const MK_REAL *A, const MK_REAL *x, const MK_REAL *L, const MK_F_T(mk_linear) * out, MK_REAL *mean) {
+MK_KERNEL void MK_F(mk_apply)(int n, const MK_REAL *A, const MK_REAL *x, const MK_REAL *L, const MK_F_T(mk_linear) * out, MK_REAL *mean) {
     for (int r = 0; r < n; r++) {
         mean[r] = MK_R(0.0);
-        for (int i = 0; i < n; i++) mean[r] += A[r * n + i] * x[i];
-        for (int j = 0; j < n; j++) {
+        MK_UNROLL for (int i = 0; i < n; i++) mean[r] += A[r * n + i] * x[i];
+        MK_UNROLL for (int j = 0; j < n; j++) {
             MK_REAL sum = MK_R(0.0);
-            for (int i = j; i < n; i++) sum += A[r * n + i] * L[MK_AT(i, j)];
-            out->D[r * out->stride + j] = sum;
+            MK_UNROLL for (int i = j; i < n; i++) sum += A[r * n + i] * L[MK_AT(i, j)];
+            out->D[r * out->row + j * out->column] = sum;
         }
     }
 }
 
-/* The columns G = [D, V, root of Q, extra], or [D, root of Q] where the model is linear or taken as such, give L' by L' L'' = G G'. */
-mk_status_t MK_F(mk_unscented_predict)(int n, const MK_F_T(mk_unscented_view) * view, MK_REAL dt, const MK_REAL *Q) {
+/* The columns G = [extra, D, V, root of Q], without extra where there is none to add, or [D, root of Q] where the model is linear or taken as such, give L'
+   by L' L'' = G G'. The model's results at its 2 n + 1 points become [extra, D, V] in place. rest: 4 n numbers. */
+MK_KERNEL mk_status_t MK_F(mk_inline_unscented_predict)(int n, const MK_F_T(mk_unscented_view) * view, MK_REAL *rest, MK_REAL dt, const MK_REAL *Q) {
     MK_F_T(mk_unscented) *const core = view->core;
     const MK_F_T(mk_unscented_config) *const config = core->config;
     if (!core->started) return MK_ERROR_ORDER;
@@ -154,33 +161,45 @@ mk_status_t MK_F(mk_unscented_predict)(int n, const MK_F_T(mk_unscented_view) * 
     if (!Q || dt < MK_R(0.0)) return MK_ERROR_ARGUMENT;
     const MK_F_T(mk_model) *const model = &config->transition.model;
     const int packed = MK_AT(n, 0), extended = config->update == MK_UPDATE_EXTENDED, linear = config->transition.A != 0;
-    const int columns = linear || extended ? 2 * n : 3 * n + 1, last = linear || extended ? n : 2 * n;
-    MK_REAL *const G = view->work, *const L = G + n * (3 * n + 1), *const x = L + packed, *const extra = x + n, *const rest = extra + n;
-    const MK_F_T(mk_linear) out = {G, G + n, rest, rest + n, columns};
-    const MK_F_T(mk_linear_work) work = {rest + 4 * n, rest + 4 * n + n * (2 * n + 1), rest + 2 * n, rest + 3 * n};
+    MK_REAL *const extra = view->work, *const D = extra + n, *const V = D + n * n, *const points = V + n * n, *const L = points + n * n, *const x = rest + 3 * n;
+    const MK_F_T(mk_linear) out = {D, V, rest, rest + n, 1, n};
     mk_status_t status = MK_OK;
-    int sign = 0;
-    if (linear) {
-        MK_F(mk_apply)(n, config->transition.A, view->x, view->L, &out, x);
-    } else if (extended) {
-        status = MK_F(mk_extend)(model, n, n, dt, view->x, view->L, &work, &out, x);
+    MK_REAL *G = D;
+    int sign = 0, full = 2 * n, total;
+    if (linear || extended) {
+        G = V;
+        full = n;
+        const MK_F_T(mk_linear) straight = {V, D, rest, rest + n, 1, n};
+        if (linear) MK_F(mk_apply)(n, config->transition.A, view->x, view->L, &straight, x);
+        else status = MK_F(mk_extend)(n, n, model, dt, view->x, view->L, points, &straight, x);
     } else {
-        status = MK_F(mk_linearise)(config, model, n, n, dt, view->x, view->L, &work, &out, x);
-        if (status == MK_OK) sign = MK_F(mk_residual_columns)(&config->transform, n, &out, model->space && model->space->mean, extra);
+        const MK_F_T(mk_weights) weights = MK_F(mk_weigh)(&config->transform);
+        MK_F(mk_draw)(n, weights.c, view->x, view->L, points);
+        status = MK_F(mk_linearise)(n, n, model, config->one_at_a_time, &weights, dt, points, extra, rest + 2 * n, &out, x);
+        if (status == MK_OK) sign = MK_F(mk_residual_columns)(n, &config->transform, &out, model->space && model->space->mean, extra);
+        if (sign > 0) {
+            G = extra;
+            full++;
+        }
     }
     if (status != MK_OK) return status;
-    for (int i = 0; i < packed; i++) L[i] = Q[i];
-    if (!MK_F(mk_all_finite)(packed, L)) return MK_ERROR_NOT_FINITE;
-    if (!MK_F(mk_cholesky)(n, L)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
-    for (int i = 0; i < n; i++) {
-        for (int j = 0; j < n; j++) G[i * columns + last + j] = j <= i ? L[MK_AT(i, j)] : MK_R(0.0);
-        if (columns > 2 * n) G[i * columns + 3 * n] = sign > 0 ? extra[i] : MK_R(0.0);
+    if (!MK_F(mk_all_finite)(packed, Q)) return MK_ERROR_NOT_FINITE;
+    MK_F(mk_packed_copy)(n, Q, L);
+    total = full + n;
+    if (MK_F(mk_cholesky)(n, L)) { /* the usual case, and the quick one */
+        MK_UNROLL for (int j = 0; j < n; j++) {
+            MK_UNROLL for (int i = 0; i < n; i++) points[j * n + i] = i < j ? MK_R(0.0) : L[MK_AT(i, j)];
+        }
+    } else {
+        for (int i = 0; i < packed; i++) L[i] = Q[i];
+        if (!MK_F(mk_semidefinite_root)(n, L, rest, points)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+        full = total;
     }
-    MK_F(mk_triangularise)(n, columns, G, L);
+    MK_F(mk_triangularise)(n, full, total, G, L, rest);
     if (!MK_F(mk_all_finite)(packed, L) || !MK_F(mk_all_finite)(n, x)) return MK_ERROR_NOT_FINITE;
-    if (!MK_F(mk_is_factor)(n, L) || (sign < 0 && !MK_F(mk_downdate)(n, L, extra, G))) return MK_ERROR_NOT_POSITIVE_DEFINITE;
-    for (int i = 0; i < packed; i++) view->L[i] = L[i];
-    for (int i = 0; i < n; i++) view->x[i] = x[i];
+    if (!MK_F(mk_is_factor)(n, L) || (sign < 0 && !MK_F(mk_downdate)(n, L, extra, rest))) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    MK_F(mk_packed_copy)(n, L, view->L);
+    MK_UNROLL for (int i = 0; i < n; i++) view->x[i] = x[i];
     core->predictions++;
     return MK_OK;
 }

@@ -1,76 +1,63 @@
 /* SPDX-License-Identifier: MIT */
 /* The update of meshkal/unscented.h: readings stacked, linearised, gated, used. Nothing of the object changes before mk_unscented_commit. */
 
-/* An update under way. "Stacked": the rows of the sensors that are used, in the order of slots. */
-typedef struct {
-    const MK_F_T(mk_unscented_view) * view;
-    const MK_F_T(mk_unscented_config) * config;
-    int n, m, slots;
-    int rows, stacked_rows;          /* stacked, now and when they were judged together */
-    int present, beyond;             /* sensors with a reading; those beyond the gate, refused or inflated */
-    int back;                        /* the gate's way back was taken: L0 is that of P0 */
-    MK_REAL *factor;                 /* slots: what the gate says of a sensor, 0 where there is nothing to use */
-    MK_REAL *d2, together;           /* slots: and why; of all together, negative if they were not judged */
-    MK_REAL nis;
-    MK_F_T(mk_linear) linear;        /* stacked */
-    MK_REAL *e;                      /* innovations, stacked */
-    MK_REAL *noise;                  /* R as the gate inflates it, packed and stacked */
-    MK_REAL *S;                      /* packed and stacked, scratch */
-    MK_REAL *B, *b;                  /* rows x n and rows, scratch */
-    MK_REAL *L0;                     /* prior factor */
-    MK_REAL *x, *L;                  /* result */
-    MK_REAL *trial_x, *trial_L;
-    MK_REAL *scratch;                /* 2 n */
-    MK_F_T(mk_linear_work) work;
-} MK_F_T(mk_updating);
+static mk_status_t MK_F(mk_shared_stack)(MK_F_T(mk_updating) * u, const MK_REAL *x, const MK_REAL *L) {
+    return MK_F(mk_inline_stack)(u->n, u->m, u->slots, u, x, L);
+}
 
-static void MK_F(mk_updating_open)(int n, int m, int slots, const MK_F_T(mk_unscented_view) * view, MK_F_T(mk_updating) * u) {
-    const int most = m * slots, packed = MK_AT(n, 0), stacked = MK_AT(most, 0), wide = n > m ? n : m;
+static MK_REAL MK_F(mk_shared_absorb)(MK_F_T(mk_updating) * u, int first, int rows, MK_REAL scale, MK_REAL *L, MK_REAL *x) {
+    return MK_F(mk_inline_absorb)(u->n, u, first, rows, scale, L, x);
+}
+
+static const MK_F_T(mk_unscented_kernels) MK_F(mk_shared_kernels) = {MK_F(mk_shared_stack), MK_F(mk_shared_absorb)};
+
+/* Pointers to the parts of the work array; those of linearising and those used between share their place. */
+static void MK_F(mk_updating_open)(int n, int m, int slots, const MK_F_T(mk_unscented_view) * view, const MK_F_T(mk_unscented_kernels) * kernels,
+                                   MK_F_T(mk_updating) * u) {
+    const int most = m * slots, packed = MK_AT(n, 0), stacked = MK_AT(most, 0);
     MK_REAL *next = view->work;
     memset(u, 0, sizeof *u);
     u->view = view;
     u->config = view->core->config;
+    u->kernels = kernels;
     u->n = n;
     u->m = m;
     u->slots = slots;
-    u->linear.stride = n;
-    MK_REAL **const part[] = {&u->linear.D, &u->linear.U, &u->B, &u->linear.mu, &u->linear.epsilon, &u->e, &u->b, &u->work.a, &u->work.b, &u->factor,
-                              &u->d2, &u->noise, &u->S, &u->L0, &u->L, &u->trial_L, &u->x, &u->trial_x, &u->scratch, &u->work.points, &u->work.results};
-    const int size[] = {most * n, most * n, most * n, most, most, most, most, m, m, slots,
-                        slots, stacked, stacked, packed, packed, packed, n, n, 2 * n, n * (2 * n + 1), wide * (2 * n + 1)};
-    for (int k = 0; k < (int)(sizeof size / sizeof size[0]); k++) {
-        *part[k] = next;
-        next += size[k];
-    }
+    u->linear.row = n;
+    u->linear.column = 1;
+#define MK_TAKE(part, size) \
+    part = next; \
+    next += size
+    MK_TAKE(u->linear.D, most * n);
+    MK_TAKE(u->linear.U, most * n);
+    MK_TAKE(u->linear.mu, most);
+    MK_TAKE(u->linear.epsilon, most);
+    MK_TAKE(u->e, most);
+    MK_TAKE(u->noise, stacked);
+    MK_TAKE(u->factor, slots);
+    MK_TAKE(u->d2, slots);
+    MK_TAKE(u->L0, packed);
+    MK_TAKE(u->L, packed);
+    MK_TAKE(u->x, n);
+    MK_TAKE(u->one, m);
+    MK_TAKE(u->mean, m);
+    MK_REAL *const shared = next;
+    MK_TAKE(u->points, n * (2 * n + 1));
+    MK_TAKE(u->results, m * (2 * n + 1));
+    next = shared;
+    MK_TAKE(u->B, most * n);
+    MK_TAKE(u->S, stacked);
+    MK_TAKE(u->b, most);
+    MK_TAKE(u->scratch, 2 * n);
+    MK_TAKE(u->trial_L, packed);
+    MK_TAKE(u->trial_x, n);
+#undef MK_TAKE
     for (int i = 0; i < packed; i++) u->L0[i] = view->L[i];
     for (int l = 0; l < slots; l++) {
         u->factor[l] = view->have[l] ? MK_R(1.0) : MK_R(0.0);
         u->d2[l] = MK_R(0.0);
         u->present += view->have[l] != 0;
     }
-}
-
-/* Stacks the sensors that are used, linearised over x and L. */
-static mk_status_t MK_F(mk_stack)(MK_F_T(mk_updating) * u, const MK_REAL *x, const MK_REAL *L) {
-    const int n = u->n;
-    u->rows = 0;
-    for (int l = 0; l < u->slots; l++) {
-        if (!(u->factor[l] > MK_R(0.0))) continue;
-        const MK_F_T(mk_sensor) *const sensor = u->config->sensor + l;
-        const int rows = sensor->rows, first = u->rows;
-        const MK_F_T(mk_linear) part = {u->linear.D + first * n, u->linear.U + first * n, u->linear.mu + first, u->linear.epsilon + first, n};
-        MK_REAL *const mean = u->b + first;
-        u->view->core->failed = (uint16_t)l;
-        const mk_status_t status = u->config->update == MK_UPDATE_EXTENDED
-                                       ? MK_F(mk_extend)(&sensor->model, n, rows, MK_R(0.0), x, L, &u->work, &part, mean)
-                                       : MK_F(mk_linearise)(u->config, &sensor->model, n, rows, MK_R(0.0), x, L, &u->work, &part, mean);
-        if (status != MK_OK) return status;
-        MK_F(mk_space_difference)(sensor->model.space, rows, u->view->z + l * u->m, mean, u->e + first);
-        if (!MK_F(mk_all_finite)(rows, u->e + first)) return MK_ERROR_NOT_FINITE;
-        u->rows += rows;
-    }
-    u->view->core->failed = (uint16_t)u->slots;
-    return MK_OK;
 }
 
 /* noise := R of the stacked sensors, uncorrelated between them. */
@@ -87,33 +74,20 @@ static void MK_F(mk_stack_noise)(MK_F_T(mk_updating) * u) {
     }
 }
 
-/* B, b := D, e of `rows` stacked rows from `first` with unit variance instead of scale noise + Omega. 1, or 0: that is not positive definite. */
-static int MK_F(mk_stack_whiten)(MK_F_T(mk_updating) * u, int first, int rows, MK_REAL scale, int with_residual) {
-    const int n = u->n;
-    for (int r = 0; r < rows; r++) {
-        for (int s = 0; s <= r; s++) {
-            u->S[MK_AT(r, s)] = scale * u->noise[MK_AT(first + r, first + s)];
-            if (with_residual) u->S[MK_AT(r, s)] += MK_F(mk_residual)(&u->config->transform, n, &u->linear, first + r, first + s);
-        }
-        u->b[r] = u->e[first + r];
-        for (int i = 0; i < n; i++) u->B[r * n + i] = u->linear.D[(first + r) * n + i];
-    }
-    return MK_F(mk_whiten)(n, rows, u->S, u->B, u->b);
-}
-
 /* e' (noise + Omega + D D')^-1 e of these rows; the largest number where it cannot be had. */
 static MK_REAL MK_F(mk_stack_distance)(MK_F_T(mk_updating) * u, int first, int rows) {
-    if (!MK_F(mk_stack_whiten)(u, first, rows, MK_R(1.0), 1)) return MK_LARGEST;
-    const MK_REAL d2 = MK_F(mk_shrink)(u->n, rows, u->B, u->b, 0, 0, u->scratch);
-    return d2 <= MK_LARGEST ? d2 : MK_LARGEST;
+    const MK_REAL d2 = u->kernels->absorb(u, first, rows, MK_R(1.0), 0, 0);
+    return d2 >= MK_R(0.0) && d2 <= MK_LARGEST ? d2 : MK_LARGEST;
 }
 
 /* Innovation variance times f, by the noise: f noise + (f - 1) (Omega + D D'). */
 static void MK_F(mk_stack_inflate)(MK_F_T(mk_updating) * u, int first, int rows, MK_REAL f) {
     const int n = u->n;
+    const MK_REAL half_w = MK_R(0.25) / u->config->transform.spread;
+    const int extended = u->config->update == MK_UPDATE_EXTENDED;
     for (int r = first; r < first + rows; r++)
         for (int s = first; s <= r; s++) {
-            MK_REAL spread = MK_F(mk_residual)(&u->config->transform, n, &u->linear, r, s);
+            MK_REAL spread = extended ? MK_R(0.0) : MK_F(mk_residual)(n, &u->config->transform, half_w, &u->linear, r, s);
             for (int i = 0; i < n; i++) spread += u->linear.D[r * n + i] * u->linear.D[s * n + i];
             u->noise[MK_AT(r, s)] = f * u->noise[MK_AT(r, s)] + (f - MK_R(1.0)) * spread;
         }
@@ -183,7 +157,7 @@ static void MK_F(mk_judge_stack)(MK_F_T(mk_updating) * u) {
 static mk_status_t MK_F(mk_stack_prior)(MK_F_T(mk_updating) * u) {
     for (int i = 0; i < u->n; i++) u->x[i] = u->view->x[i];
     for (int i = 0; i < MK_AT(u->n, 0); i++) u->L[i] = u->L0[i];
-    const mk_status_t status = MK_F(mk_stack)(u, u->x, u->L);
+    const mk_status_t status = u->kernels->stack(u, u->x, u->L);
     if (status == MK_OK) MK_F(mk_stack_noise)(u);
     return status;
 }
@@ -208,8 +182,8 @@ static mk_status_t MK_F(mk_prepare)(MK_F_T(mk_updating) * u) {
 
 /* x, L := those given what is stacked, its noise times `scale`. */
 static mk_status_t MK_F(mk_use)(MK_F_T(mk_updating) * u, MK_REAL scale) {
-    if (!MK_F(mk_stack_whiten)(u, 0, u->rows, scale, 1)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
-    const MK_REAL nis = MK_F(mk_shrink)(u->n, u->rows, u->B, u->b, u->L, u->x, u->scratch);
+    const MK_REAL nis = u->kernels->absorb(u, 0, u->rows, scale, u->L, u->x);
+    if (nis < MK_R(0.0)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
     if (u->nis < MK_R(0.0)) u->nis = nis;
     return MK_F(mk_all_finite)(u->n, u->x) && MK_F(mk_all_finite)(MK_AT(u->n, 0), u->L) && MK_F(mk_is_factor)(u->n, u->L) ? MK_OK : MK_ERROR_NOT_FINITE;
 }
@@ -227,7 +201,7 @@ static mk_status_t MK_F(mk_progress)(MK_F_T(mk_updating) * u, MK_REAL scale, int
     MK_REAL before = MK_LARGEST;
     if (u->nis < MK_R(0.0)) u->nis = MK_F(mk_stack_distance)(u, 0, u->rows);
     for (*done = 0; *done < u->config->increments; ++*done) {
-        mk_status_t status = *done == 0 ? MK_OK : MK_F(mk_stack)(u, u->x, u->L);
+        mk_status_t status = *done == 0 ? MK_OK : u->kernels->stack(u, u->x, u->L);
         if (status != MK_OK) return status;
         const MK_REAL now = MK_F(mk_rule_measure)(u);
         *stopped = *done > 0 && now > before;
@@ -246,9 +220,12 @@ static mk_status_t MK_F(mk_cost)(MK_F_T(mk_updating) * u, const MK_REAL *x, MK_R
     for (int l = 0; l < u->slots; l++) {
         if (!(u->factor[l] > MK_R(0.0))) continue;
         const MK_F_T(mk_sensor) *const sensor = u->config->sensor + l;
-        const mk_status_t status = MK_F(mk_call)(&sensor->model, n, sensor->rows, 1, MK_R(0.0), 1, x, u->work.results);
-        if (status != MK_OK) return status;
-        MK_F(mk_space_difference)(sensor->model.space, sensor->rows, u->view->z + l * u->m, u->work.results, u->b + first);
+        const mk_status_t status = MK_F(mk_call)(&sensor->model, n, sensor->rows, 1, MK_R(0.0), 1, x, u->mean);
+        if (status != MK_OK) {
+            u->view->core->failed = (uint16_t)l;
+            return status;
+        }
+        MK_F(mk_space_difference)(sensor->model.space, sensor->rows, u->view->z + l * u->m, u->mean, u->b + first);
         first += sensor->rows;
     }
     for (int i = 0; i < MK_AT(u->rows, 0); i++) u->S[i] = u->noise[i];
@@ -278,7 +255,7 @@ static mk_status_t MK_F(mk_gauss_newton)(MK_F_T(mk_updating) * u) {
     }
     for (int i = 0; i < n; i++) u->trial_x[i] = u->view->x[i];
     for (int i = 0; i < MK_AT(n, 0); i++) u->trial_L[i] = u->L0[i];
-    if (!MK_F(mk_stack_whiten)(u, 0, u->rows, MK_R(1.0), 1)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    if (!MK_F(mk_stack_whiten)(n, u, 0, u->rows, MK_R(1.0), 1)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
     (void)MK_F(mk_shrink)(n, u->rows, u->B, u->b, u->trial_L, u->trial_x, u->scratch);
     return MK_F(mk_all_finite)(n, u->trial_x) && MK_F(mk_all_finite)(MK_AT(n, 0), u->trial_L) && MK_F(mk_is_factor)(n, u->trial_L)
                ? MK_OK
@@ -293,7 +270,7 @@ static mk_status_t MK_F(mk_iterate)(MK_F_T(mk_updating) * u, int *done) {
     mk_status_t status = MK_F(mk_cost)(u, u->x, &cost);
     int falls = 1;
     for (*done = 0; status == MK_OK && falls && *done < u->config->increments; ++*done) {
-        if (*done > 0) status = MK_F(mk_stack)(u, u->x, u->L);
+        if (*done > 0) status = u->kernels->stack(u, u->x, u->L);
         if (status == MK_OK) status = MK_F(mk_gauss_newton)(u);
         if (status != MK_OK) return status;
         falls = 0;
@@ -340,10 +317,10 @@ static void MK_F(mk_unscented_commit)(const MK_F_T(mk_updating) * u, int done, i
     for (int i = 0; i < MK_AT(u->n, 0); i++) view->L[i] = u->L[i];
 }
 
-mk_status_t MK_F(mk_unscented_update)(int n, int m, int slots, const MK_F_T(mk_unscented_view) * view) {
+mk_status_t MK_F(mk_unscented_update_with)(int n, int m, int slots, const MK_F_T(mk_unscented_view) * view, const MK_F_T(mk_unscented_kernels) * kernels) {
     MK_F_T(mk_updating) u;
     if (!view->core->started) return MK_ERROR_ORDER;
-    MK_F(mk_updating_open)(n, m, slots, view, &u);
+    MK_F(mk_updating_open)(n, m, slots, view, kernels, &u);
     int done = 0, stopped = 0;
     mk_status_t status = MK_F(mk_prepare)(&u);
     if (status == MK_OK && u.rows > 0) {
@@ -361,16 +338,24 @@ mk_status_t MK_F(mk_unscented_update)(int n, int m, int slots, const MK_F_T(mk_u
     return status;
 }
 
+mk_status_t MK_F(mk_unscented_update)(int n, int m, int slots, const MK_F_T(mk_unscented_view) * view) {
+    return MK_F(mk_unscented_update_with)(n, m, slots, view, &MK_F(mk_shared_kernels));
+}
+
+mk_status_t MK_F(mk_unscented_predict)(int n, const MK_F_T(mk_unscented_view) * view, MK_REAL dt, const MK_REAL *Q) {
+    return MK_F(mk_inline_unscented_predict)(n, view, view->work + 2 * n * (2 * n + 1), dt, Q);
+}
+
 mk_status_t MK_F(mk_unscented_contribution)(int n, int m, int slots, const MK_F_T(mk_unscented_view) * view, int without_residual, MK_REAL *s,
                                             MK_REAL *S) {
     MK_F_T(mk_updating) u;
     if (!s || !S) return MK_ERROR_ARGUMENT;
     if (!view->core->started) return MK_ERROR_ORDER;
-    MK_F(mk_updating_open)(n, m, slots, view, &u);
+    MK_F(mk_updating_open)(n, m, slots, view, &MK_F(mk_shared_kernels), &u);
     const mk_status_t status = MK_F(mk_prepare)(&u);
     if (status != MK_OK) return status;
     if (u.rows > 0 && u.nis < MK_R(0.0)) u.nis = MK_F(mk_stack_distance)(&u, 0, u.rows);
-    if (!MK_F(mk_stack_whiten)(&u, 0, u.rows, MK_R(1.0), !without_residual)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    if (!MK_F(mk_stack_whiten)(n, &u, 0, u.rows, MK_R(1.0), !without_residual)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
     /* Rows of B: H = D L^-1, whitened; b: nu + H x. */
     for (int r = 0; r < u.rows; r++) {
         MK_REAL *const h = u.B + r * n;

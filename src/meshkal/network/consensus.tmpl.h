@@ -91,7 +91,7 @@ mk_status_t MK_F(mk_consensus_expect)(const MK_F_T(mk_consensus_view) * view, in
     const uint32_t now = view->core->iteration;
     if (iteration < now) return MK_ERROR_LATE;
     if (iteration - now > 1) return MK_ERROR_AHEAD;
-    return view->have[slot] >> (iteration - now) & 1u ? MK_ERROR_REPEATED : MK_OK;
+    return (unsigned)view->have[slot] >> (iteration - now) & 1u ? MK_ERROR_REPEATED : MK_OK;
 }
 
 mk_status_t MK_F(mk_consensus_put)(int p, const MK_F_T(mk_consensus_view) * view, int slot, uint32_t iteration, const MK_REAL *values) {

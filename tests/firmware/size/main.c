@@ -3,6 +3,7 @@
    is dense. Writes what size.py reads:  scenario NAME INCREMENTAL-STEPS FAILED-STEPS  in order,  stack FUNCTION BYTES,  ram BYTES. */
 #include <string.h>
 
+#include "markers.h"
 #include "node.h"
 #include "semihost.h"
 #include "stack.h"
@@ -10,31 +11,14 @@
 enum { N = SIZE_N, M = SIZE_M, SLOTS = SIZE_SLOTS, PACKED_N = MK_PACKED(SIZE_N), PACKED_M = MK_PACKED(SIZE_M) };
 typedef size_real_t real_t;
 
-/* --- markers: what runs between a begin and the end is counted under the begin's name ----------------------------------------- */
+/* --- markers ------------------------------------------------------------------------------------------------------------------ */
 
-#define MARKER(name) \
-    void name(void); \
-    __attribute__((noinline)) void name(void) { __asm__ volatile("" : : "i"(#name)); }
-MARKER(size_begin_nothing)
-MARKER(size_begin_loop_100)
-MARKER(size_begin_loop_300)
 MARKER(size_begin_start)
 MARKER(size_begin_put)
 MARKER(size_begin_incremental)
 MARKER(size_begin_frozen)
 MARKER(size_begin_put_estimate)
 MARKER(size_begin_diffuse)
-MARKER(size_end)
-
-/* Two instructions a turn, so the longer loop has 400 more. */
-void size_loop_100(void);
-void size_loop_300(void);
-#ifdef __riscv
-#define LOOP(count) "size_loop_" #count ":\nli t0, " #count "\n1: addi t0, t0, -1\nbnez t0, 1b\nret\n"
-#else
-#define LOOP(count) ".syntax unified\n.thumb_func\nsize_loop_" #count ":\nldr r0, =" #count "\n1: subs r0, #1\nbne 1b\nbx lr\n.ltorg\n"
-#endif
-__asm__(".text\n.balign 4\n.global size_loop_100, size_loop_300\n" LOOP(100) ".balign 4\n" LOOP(300) ".balign 4\n");
 
 /* --- inputs ----------------------------------------------------------------------------------------------------------------- */
 
@@ -154,14 +138,7 @@ static void model(real_t P_size, real_t P_decay, real_t Q_size, real_t precision
 int main(void) {
     const filter_config_t made = {N, M, SLOTS, A, Q, 0, x0, P0, weight, rows, C, F, S, R_inverse, (real_t)0.0f, 0};
     config = made;
-    size_begin_nothing();
-    size_end();
-    size_begin_loop_100();
-    size_loop_100();
-    size_end();
-    size_begin_loop_300();
-    size_loop_300();
-    size_end();
+    size_loops();
 
     for (int turn = 0; turn < 3; turn++) {
         model((real_t)1.0f, (real_t)1.0f, (real_t)0.01f, (real_t)4.0f);

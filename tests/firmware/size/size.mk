@@ -25,9 +25,19 @@ $(call FIRMWARE_IMAGE_FOR,size-$(2),tests/firmware/size/main.c tests/firmware/si
 SIZE_IMAGES += $(FIRMWARE)/$(1)/size-$(2).elf
 SIZE_PLAN += '$(1)|$(2)|$(FIRMWARE_PREFIX_$(1))|$(FIRMWARE_QEMU_$(1))'
 endef
+# Filters of the unscented family, float32, on one target.
+SIZE_UNSCENTED := 4-1-3-f32-shared 4-1-3-f32-unrolled 6-3-4-f32-shared
+define SIZE_UNSCENTED_IMAGE
+$(call FIRMWARE_IMAGE_FOR,size-unscented-$(2),tests/firmware/size/unscented.c tests/firmware/size/unscented_node.c,-DSIZE_N=$(call size_word,$(2),1) \
+  -DSIZE_M=$(call size_word,$(2),2) -DSIZE_SLOTS=$(call size_word,$(2),3) -DSIZE_BITS=32 \
+  -DSIZE_UNROLLED=$(if $(filter unrolled,$(call size_word,$(2),5)),1,0),,$(1))
+SIZE_IMAGES += $(FIRMWARE)/$(1)/size-unscented-$(2).elf
+SIZE_PLAN += '$(1)|unscented-$(2)|$(FIRMWARE_PREFIX_$(1))|$(FIRMWARE_QEMU_$(1))'
+endef
 # Not among the images of make firmware.
 SIZE_OTHERS := $(FIRMWARE_IMAGES)
 $(foreach t,$(FIRMWARE_TARGETS),$(foreach s,$(SIZE_SHAPES_$(t)),$(eval $(call SIZE_IMAGE,$(t),$(s)))))
+$(foreach s,$(SIZE_UNSCENTED),$(eval $(call SIZE_UNSCENTED_IMAGE,m4f,$(s))))
 FIRMWARE_IMAGES := $(SIZE_OTHERS)
 
 $(SIZE)/count.so: tests/firmware/size/count.c Makefile | $(SETUP)

@@ -14,13 +14,29 @@ import sys
 
 HERE = pathlib.Path(__file__).parent
 LIMITS = HERE / "limits.json"
-ROOTS = ["node_start", "node_put", "node_incremental", "node_put_estimate", "node_diffuse"]
-MARKERS = ["nothing", "loop_100", "loop_300", "start", "put", "incremental", "frozen", "put_estimate", "diffuse"]
+# What an image measures: node, or unscented for images whose shape begins so. OBJECTS: its own code beside the library's; the last has the roots.
+ROOTS = {"node": ["node_start", "node_put", "node_incremental", "node_put_estimate", "node_diffuse"],
+         "unscented": ["unscented_start", "unscented_predict", "unscented_put", "unscented_update"]}
+MARKERS = {"node": ["start", "put", "incremental", "frozen", "put_estimate", "diffuse"], "unscented": ["start", "predict", "put", "update"]}
+OBJECTS = {"node": ["node"], "unscented": ["unscented", "unscented_node"]}
+# What a function may call by pointer: models, and, but for those of MODELS_ONLY, the kernels of an update.
+MODELS = ["moves", "moves_jacobian", "ranges", "ranges_jacobian"]
+MODELS_ONLY = "predict|_stack_f32|filter_stack|_absorb|mk_space_difference|mk_call|mk_linearise|mk_extend"
+KERNELS = ["mk_shared_stack_f32", "mk_shared_absorb_f32", "filter_stack", "filter_absorb"]
 # What is held, with its name in the messages.
-HELD = {"flash": "flash, bytes", "ram": "RAM, bytes", "stack": "stack by the call graph, bytes", "stack_painted": "stack as painted, bytes",
+HELD_OF = {}
+HELD_OF["unscented"] = {"flash": "flash, bytes", "ram": "RAM, bytes", "stack": "stack by the call graph, bytes", "stack_painted": "stack as painted, bytes",
+                        "start": "instructions of start", "put": "instructions of taking a reading",
+                        **{f"{name} {call}": f"instructions of {call}, {name}" for name in ("ukf", "ekf", "mpukf-5", "mpukf-30", "iukf")
+                           for call in ("predict", "update")}}
+HELD_OF["node"] = {"flash": "flash, bytes", "ram": "RAM, bytes", "stack": "stack by the call graph, bytes", "stack_painted": "stack as painted, bytes",
         "step_usual": "instructions of a usual step", "step_max": "instructions of a step at most", "frozen": "instructions of a frozen step", "diffuse": "instructions of diffusion at most",
         "put": "instructions of taking a reading"}
 SECONDS = 60  # an image needs a few
+
+
+def kind(shape):
+    return "unscented" if shape.startswith("unscented-") else "node"
 
 
 class Failure(Exception):
@@ -40,18 +56,19 @@ def count(build, target, shape, prefix, emulator):
     address = {fields[2]: fields[0] for fields in (line.split() for line in run([prefix + "nm", elf]).splitlines()) if len(fields) == 3}
     plugin = [f"{build}/size/count.so", f"out={out}", f"end=0x{address['size_end']}"]
     # A marker that the linker dropped, as there is nothing to mark, stands at an address that no instruction has.
-    plugin += [f"begin=0x{address.get('size_begin_' + name, '1')}" for name in MARKERS]
+    markers = ["nothing", "loop_100", "loop_300"] + MARKERS[kind(shape)]
+    plugin += [f"begin=0x{address.get('size_begin_' + name, '1')}" for name in markers]
     done = subprocess.run(emulator.split() + ["-plugin", ",".join(plugin), "-kernel", elf], stdin=subprocess.DEVNULL, capture_output=True, text=True,
                           timeout=SECONDS)
     text = done.stdout + done.stderr
     if done.returncode:
         raise Failure(f"{target} {shape}: the image ended with status {done.returncode}: {text[-300:]}")
-    counts = {name: [] for name in MARKERS}
+    counts = {name: [] for name in markers}
     for line in out.read_text().splitlines():
-        kind, value = line.split()
-        counts[MARKERS[int(kind)]].append(int(value))
-    markers = counts["nothing"][0]  # what the markers themselves cost
-    return {name: [value - markers for value in values] for name, values in counts.items()}, [line.split() for line in text.splitlines()]
+        marker, value = line.split()
+        counts[markers[int(marker)]].append(int(value))
+    cost = counts["nothing"][0]  # of the markers themselves
+    return {name: [value - cost for value in values] for name, values in counts.items()}, [line.split() for line in text.splitlines()]
 
 
 def instructions(build, plan):
@@ -59,33 +76,47 @@ def instructions(build, plan):
     turn = counts["loop_300"][0] - counts["loop_100"][0]
     if turn != 400:
         raise Failure(f"{plan[0]}: 200 turns of a loop of two instructions were counted as {turn}")
+    painted = {line[1]: int(line[2]) for line in lines if line[:1] == ["stack"]}
+    common = {"ram": next(int(line[1]) for line in lines if line[:1] == ["ram"]), "stack_painted": max(painted.values()), "stack_painted_of": painted,
+              "start": max(counts["start"]), "put": max(counts["put"])}
+    return common | (of_filters if kind(plan[1]) == "unscented" else of_node)(counts, lines)
+
+
+def of_filters(counts, lines):
+    """The most that a call takes, for each filter."""
+    row, first = {}, 0
+    for name, steps in (line[1:] for line in lines if line[:1] == ["filter"]):
+        for call in ("predict", "update"):
+            row[f"{name} {call}"] = max(counts[call][first:first + int(steps)])
+        first += int(steps)
+    return row
+
+
+def of_node(counts, lines):
     steps, by_scenario, good = list(counts["incremental"]), {}, []
     for name, full, failed in (line[1:] for line in lines if line[:1] == ["scenario"]):
         mine, steps = steps[:int(full)], steps[int(full):]
         by_scenario.setdefault(name, []).extend(mine)
         good += mine[:len(mine) - int(failed)]
-    painted = {line[1]: int(line[2]) for line in lines if line[:1] == ["stack"]}
     return {
-        "ram": next(int(line[1]) for line in lines if line[:1] == ["ram"]),
-        "stack_painted": max(painted.values()), "stack_painted_of": painted,
         "step_min": min(good), "step_max": max(counts["incremental"]), "step_usual": statistics.median_low(by_scenario["all"]),
         "step_of": {name: [min(values), max(values)] for name, values in by_scenario.items()},
-        "frozen": max(counts["frozen"]), "put": max(counts["put"]), "put_estimate": max(counts["put_estimate"], default=None),
-        "start": max(counts["start"]), "diffuse": max(counts["diffuse"]),
+        "frozen": max(counts["frozen"]), "put_estimate": max(counts["put_estimate"], default=None), "diffuse": max(counts["diffuse"]),
     }
 
 
 # --- flash -------------------------------------------------------------------------------------------------------------------
 
 def flash(build, target, shape):
-    """Text and constants of the node's object and the library's, which is all the linker kept for the five functions; the rest: arithmetic of the
+    """Text and constants of the node's object and the library's, which is all the linker kept for the functions of ROOTS; the rest: arithmetic of the
     compiler's library in the image."""
+    own = f"/size/{OBJECTS[kind(shape)][-1]}.o"
     text = (build / "firmware" / target / f"size-{shape}.map").read_text().split("Linker script and memory map", 1)[1]
     of = {}
     arithmetic, drawn_in = 0, set()
     for name, size, file in re.findall(r"^ (\.(?:text|s?rodata)\S*)\s+0x[0-9a-f]+\s+0x([0-9a-f]+) (\S+)$", text, re.M):
         size = int(size, 16)
-        if file.endswith("/meshkal.o") or file.endswith("/size/node.o"):
+        if file.endswith(("/meshkal.o", own)):
             of[name] = of.get(name, 0) + size
         elif size and ".a(" in file:
             drawn_in.add(file.split("(")[1].rstrip(")"))
@@ -128,10 +159,10 @@ def assembled(elf, prefix):
 
 
 def stack(build, target, shape, prefix):
-    """Worst depth below each of the five functions, its own frame included."""
+    """Worst depth below each function of ROOTS, its own frame included."""
     directory = build / "firmware" / target
     frames, calls = {}, {}
-    for graph in (directory / "meshkal.ci", directory / f"size-{shape}" / "tests/firmware/size/node.ci"):
+    for graph in [directory / "meshkal.ci"] + [directory / f"size-{shape}/tests/firmware/size/{name}.ci" for name in OBJECTS[kind(shape)]]:
         text = graph.read_text()
         for title, label in re.findall(r'^node: \{ title: "(.*?)" label: "(.*?)"', text, re.M):
             size = re.search(r"\\n(\d+) bytes \((.*?)\)", label)
@@ -141,11 +172,15 @@ def stack(build, target, shape, prefix):
                 frames[title] = int(size[1])
         for source, callee in re.findall(r'^edge: \{ sourcename: "(.*?)" targetname: "(.*?)"', text, re.M):
             calls.setdefault(source, set()).add(callee)
+    short = {title.split(":")[-1].split(".")[0]: title for title in frames}  # titles of static functions begin with their file
     machine = assembled(directory / f"size-{shape}.elf", prefix)
 
     def depth(function, above=()):
         if function == "__indirect_call":
-            raise Failure(f"{target} {shape}: {above[-1]} calls by pointer")
+            if kind(shape) != "unscented":
+                raise Failure(f"{target} {shape}: {above[-1]} calls by pointer")
+            only_models = any(re.search(MODELS_ONLY, f) for f in above)
+            return max(depth(short[name], above) for name in MODELS + KERNELS * (not only_models) if name in short)
         if function in above:
             raise Failure(f"{target} {shape}: {function} is recursive")
         if function in frames:
@@ -157,7 +192,7 @@ def stack(build, target, shape, prefix):
             return 0  # an instruction in this place, or not called from the five
         return frame + max((depth(callee, above + (function,)) for callee in callees), default=0)
 
-    of = {root: depth(root) for root in ROOTS}
+    of = {root: depth(root) for root in ROOTS[kind(shape)]}
     return {"stack": max(of.values()), "stack_of": of}
 
 
@@ -181,12 +216,22 @@ def thousands(value):
 def table(rows):
     yield "| target | n, m, slots | kernels | flash | arithmetic | RAM | stack: graph, painted | step: usual | least | most | ratio | frozen | diffusion |"
     yield "|---|---|---|---|---|---|---|---|---|---|---|---|---|"
-    for row in rows:
+    for row in (row for row in rows if kind(row["shape"]) == "node"):
         n, m, slots, real, kernels = row["shape"].split("-")
         cells = [row["target"], f"{n}, {m}, {slots}", f"{'float32' if real == 'f32' else 'float64'} {kernels}", thousands(row["flash"]),
                  thousands(row["arithmetic"]), thousands(row["ram"]), f"{thousands(row['stack'])}, {thousands(row['stack_painted'])}",
                  thousands(row["step_usual"]), thousands(row["step_min"]), thousands(row["step_max"]), f"{row['step_max'] / row['step_min']:.2f}",
                  thousands(row["frozen"]), thousands(row["diffuse"])]
+        yield "| " + " | ".join(cells) + " |"
+
+
+    yield "\n| target | n, m, slots | kernels | flash | RAM | stack: graph, painted | predict, EKF, others | update: EKF | UKF | MPUKF, N = 5 | N = 30 | IUKF |"
+    yield "|---|---|---|---|---|---|---|---|---|---|---|---|"
+    for row in (row for row in rows if kind(row["shape"]) == "unscented"):
+        n, m, slots, real, kernels = row["shape"].split("-")[1:]
+        cells = [row["target"], f"{n}, {m}, {slots}", kernels, thousands(row["flash"]), thousands(row["ram"]),
+                 f"{thousands(row['stack'])}, {thousands(row['stack_painted'])}", f"{thousands(row['ekf predict'])}, {thousands(row['ukf predict'])}",
+                 *(thousands(row[f"{name} update"]) for name in ("ekf", "ukf", "mpukf-5", "mpukf-30", "iukf"))]
         yield "| " + " | ".join(cells) + " |"
 
 
@@ -198,7 +243,7 @@ def check(rows):
         limit = limits["images"].get(name)
         if limit is None:
             grown.append("has no limits: make size-limits")
-        for key, what in HELD.items() if limit else ():
+        for key, what in HELD_OF[kind(row["shape"])].items() if limit else ():
             if row[key] > limit[key] * (1 + margin):
                 grown.append(f"{what}: {limit[key]} has grown to {row[key]}, {100 * (row[key] / limit[key] - 1):.1f} %, allowed {100 * margin:g} %")
                 if key == "flash":
@@ -224,8 +269,8 @@ def check(rows):
 
 def set_limits(rows):
     old = json.loads(LIMITS.read_text()) if LIMITS.exists() else {"margin": 0.03, "goals": []}
-    kept = list(HELD) + ["drawn_in", "flash_of", "stack_of", "stack_painted_of"]
-    old["images"] = {f"{row['target']} {row['shape']}": {key: row[key] for key in kept} for row in rows}
+    kept = ["drawn_in", "flash_of", "stack_of", "stack_painted_of"]
+    old["images"] = {f"{row['target']} {row['shape']}": {key: row[key] for key in list(HELD_OF[kind(row["shape"])]) + kept} for row in rows}
     LIMITS.write_text(json.dumps(old, indent=1) + "\n")
     print(f"size: limits written to {LIMITS}")
 

@@ -35,13 +35,14 @@ static void MK_F(extended_open_node)(MK_F(tracker) * t, int e) {
         node->rows[l] = node->sensor[l].rows;
         weight[l] = (MK_REAL)topology->weight[first + l];
     }
-    const MK_F_T(mk_rkfd_config) config = {(uint16_t)n,      (uint16_t)m,      (uint16_t)slots,  node->model.A,         node->model.Q,
-                                           NULL,             t->x0,            t->models->P0,    weight,                node->rows,
-                                           node->model.C,    node->model.F,    node->model.S,    node->model.R_inverse, (MK_REAL)t->setting->scenario->tolerance,
-                                           NULL};
+    const MK_REAL c = (MK_REAL)t->setting->scenario->tolerance;
+    const MK_F_T(mk_rkfd_config) config = {(uint16_t)n,   (uint16_t)m,   (uint16_t)slots, node->model.A,         node->model.Q, NULL, t->x0, t->models->P0,
+                                           weight,        node->rows,    node->model.C,   node->model.F,         node->model.S, node->model.R_inverse,
+                                           c,             NULL};
     node->config = config;
     node->view.core = &node->core;
-    node->arrays = mk_allocate((size_t)(n + packed + slots * (m + n) + MK_EXTENDED_WORK(n, m) + MK_RKFD_PREDICT_WORK(n, m) + m + MK_PACKED(m)), sizeof *node->arrays);
+    const int work = MK_EXTENDED_WORK(n, m) + MK_RKFD_PREDICT_WORK(n, m) + m + MK_PACKED(m);
+    node->arrays = mk_allocate((size_t)(n + packed + slots * (m + n) + work), sizeof *node->arrays);
     node->view.x = node->arrays;
     node->view.W = node->view.x + n;
     node->view.y = node->view.W + packed;

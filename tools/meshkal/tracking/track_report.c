@@ -75,7 +75,9 @@ static const char *verdict(const figures_t *f) {
 }
 
 /* All runs' count. */
-static double total(const mk_track_result_t *r, int which) { return r->statistics.runs ? round(r->statistics.mean.single[MK_TRACK_COUNT + which] * r->statistics.runs) : 0.0; }
+static double total(const mk_track_result_t *r, int which) {
+    return r->statistics.runs ? round(r->statistics.mean.single[MK_TRACK_COUNT + which] * r->statistics.runs) : 0.0;
+}
 
 static double failures(const mk_track_result_t *r) {
     double sum = 0.0;
@@ -138,7 +140,8 @@ void mk_track_report_foot(FILE *out, const mk_track_campaign_t *c, const mk_trac
     (void)fputs("\n", out);
     json_array_foreach(notes, i, note) (void)fprintf(out, "%s\n", json_string_value(note));
     if (c->facts.drawn)
-        (void)fprintf(out, "Sensors gave %.0f readings, %.0f of them faulty; %.0f were lost by the scenario, %.0f times the target was out of range.\n",
+        (void)fprintf(out, "Sensors gave %.0f readings, %.0f of them faulty; %.0f were lost by the scenario, %.0f times the target was out of "
+                           "range.\n",
                       single[MK_TRACK_READINGS] * runs, single[MK_TRACK_FAULTY] * runs, single[MK_TRACK_SCENARIO_LOST] * runs,
                       single[MK_TRACK_OUT_OF_RANGE] * runs);
     else
@@ -207,7 +210,7 @@ json_t *mk_track_report_filter(const mk_track_campaign_t *c, const mk_track_resu
     }
     mk_json_set(object, "counts", readings_of(r));
     mk_json_set(object, "failures", failures_of(r));
-    if (isfinite(c->lost_m)) set_number(object, "targets_lost", mean->single[MK_TRACK_TARGET_LOST] * r->statistics.runs);
+    if (isfinite(c->lost_m)) set_number(object, "targets_lost", round(mean->single[MK_TRACK_TARGET_LOST] * r->statistics.runs));
     set_number(object, "ns_per_step", f.ns);
     set_number(object, "time_ratio_to_ukf", r->step_seconds / r->estimators / ukf_seconds);
     mk_json_set(object, "time_s", mk_json_numbers(mean->time, T));

@@ -24,7 +24,8 @@ static int refuse_options(const mk_simulate_options_t *a, mk_error_t *error) {
     if (a->resume) return mk_fail(error, "--resume is for linear scenarios");
     if (a->arrivals) return mk_fail(error, "--arrivals is for linear scenarios; --loss draws what is lost");
     if (a->record) return mk_fail(error, "--record is for linear scenarios");
-    if (a->measurements && a->truth && strcmp(a->truth, "nominal") == 0) return mk_fail(error, "--truth nominal is for drawn data, not with --measurements");
+    if (a->measurements && a->truth && strcmp(a->truth, "nominal") == 0)
+        return mk_fail(error, "--truth nominal is for drawn data, not with --measurements");
     if (!a->measurements && a->truth && strcmp(a->truth, "nominal") != 0)
         return mk_fail(error, "--truth %s: for drawn data it is nominal; a file goes with --measurements", a->truth);
     return 1;
@@ -51,7 +52,8 @@ static int change_settings(const mk_simulate_options_t *a, mk_scenario_t *s, mk_
     int protocol = (int)tracking->protocol;
     if (!mk_option_integer("increments", a->increments, 1, 65535, &increments, error) ||
         !mk_option_integer("iterations", a->iterations, 0, 65535, &iterations, error) || !one_of("rule", a->rule, rules, 3, &tracking->rule, error) ||
-        !one_of("protocol", a->protocol, protocols, 4, &protocol, error) || !mk_option_real("tolerance", a->tolerance, 0.0, 1e6, &s->tolerance, error))
+        !one_of("protocol", a->protocol, protocols, 4, &protocol, error) ||
+        !mk_option_real("tolerance", a->tolerance, 0.0, 1e6, &s->tolerance, error))
         return 0;
     tracking->increments = (int)increments;
     tracking->iterations = (int)iterations;
@@ -67,7 +69,8 @@ static int change_settings(const mk_simulate_options_t *a, mk_scenario_t *s, mk_
         tracking->gate.exists = 1;
     }
     if (!mk_option_real("gate", a->gate, 0.0, 1.0, &tracking->gate.significance, error)) return 0;
-    return tracking->gate.significance > 0.0 && tracking->gate.significance < 1.0 ? 1 : mk_fail(error, "--gate %s: must be between 0 and 1, or none", a->gate);
+    if (tracking->gate.significance > 0.0 && tracking->gate.significance < 1.0) return 1;
+    return mk_fail(error, "--gate %s: must be between 0 and 1, or none", a->gate);
 }
 
 static int set_campaign(mk_track_campaign_t *c, const mk_simulate_options_t *a, const mk_scenario_t *s, mk_error_t *error) {
@@ -92,7 +95,8 @@ static int set_campaign(mk_track_campaign_t *c, const mk_simulate_options_t *a, 
     return 1;
 }
 
-static int open_events(mk_track_campaign_t *c, const mk_simulate_options_t *a, const mk_models_f64_t *models, mk_events_t **events, mk_error_t *error) {
+static int open_events(mk_track_campaign_t *c, const mk_simulate_options_t *a, const mk_models_f64_t *models, mk_events_t **events,
+                       mk_error_t *error) {
     long long from = -1;
     *events = a->measurements ? mk_events_record(models, a->measurements, a->truth, a->steps ? c->facts.steps : 0, error)
                               : mk_events_draw(models, c->seed, c->facts.steps);
@@ -153,8 +157,8 @@ static void note_network(const mk_scenario_t *s, const mk_tracking_filter_t *onl
     if (parts > 1) {
         int other = 0;
         while (part[other] == 0) other++;
-        add_note(notes, "the network is in %d parts, nodes 0 and %d in different ones: consensus cannot converge to one estimate, and each part of duif takes its "
-                        "average for that of all %d nodes",
+        add_note(notes, "the network is in %d parts, nodes 0 and %d in different ones: consensus cannot converge to one estimate, and each part of duif takes "
+                        "its average for that of all %d nodes",
                  parts, other, s->nodes);
     }
     if (bipartite && s->nodes > 1 && s->tracking->protocol == MK_PROTOCOL_PAPER && (!only || only->kind == MK_TRACK_INFORMATION))

@@ -1,0 +1,38 @@
+/* SPDX-License-Identifier: MIT */
+/* Markers for the instruction counter (count.c): what runs between a begin and the end is counted under the begin's name. And loops whose count is known. */
+#ifndef SIZE_MARKERS_H
+#define SIZE_MARKERS_H
+
+#define MARKER(name) \
+    void name(void); \
+    __attribute__((noinline)) void name(void) { __asm__ volatile("" : : "i"(#name)); }
+MARKER(size_begin_nothing)
+MARKER(size_begin_loop_100)
+MARKER(size_begin_loop_300)
+MARKER(size_end)
+
+/* Two instructions a turn, so the longer loop has 400 more. */
+void size_loop_100(void);
+void size_loop_300(void);
+#ifdef __riscv
+#define LOOP(count) "size_loop_" #count ":\nli t0, " #count "\n1: addi t0, t0, -1\nbnez t0, 1b\nret\n"
+#else
+#define LOOP(count) ".syntax unified\n.thumb_func\nsize_loop_" #count ":\nldr r0, =" #count "\n1: subs r0, #1\nbne 1b\nbx lr\n.ltorg\n"
+#endif
+__asm__(".text\n.balign 4\n.global size_loop_100, size_loop_300\n" LOOP(100) ".balign 4\n" LOOP(300) ".balign 4\n");
+
+/* First of all: what the markers themselves cost, and the loops. A function of its own, or its caller's work moves in between. */
+void size_loops(void);
+__attribute__((noinline)) void size_loops(void) {
+    size_begin_nothing();
+    size_end();
+    size_begin_loop_100();
+    size_loop_100();
+    size_end();
+    size_begin_loop_300();
+    size_loop_300();
+    size_end();
+    __asm__ volatile(""); /* or the last call would be a jump, after the return is prepared */
+}
+
+#endif

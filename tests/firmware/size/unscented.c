@@ -1,0 +1,175 @@
+/* SPDX-License-Identifier: MIT */
+/* Runs an unscented filter type as each of its filters for the instruction counter (count.c), and measures its stack: spec 2.5, a target of constant
+   velocity on SIZE_N / 2 axes and one range, or SIZE_M ranges, a sensor, all of which arrive. Writes what size.py reads:  filter NAME STEPS  in
+   order,  stack FUNCTION BYTES,  ram BYTES. */
+#include <string.h>
+
+#include "markers.h"
+#include "semihost.h"
+#include "stack.h"
+#include "unscented_node.h"
+
+enum { N = SIZE_N, M = SIZE_M, SLOTS = SIZE_SLOTS, STEPS = 12 };
+
+MARKER(size_begin_start)
+MARKER(size_begin_predict)
+MARKER(size_begin_put)
+MARKER(size_begin_update)
+
+/* --- models: their instructions and frames count, their flash does not -------------------------------------------------------------- */
+
+typedef struct {
+    float position[M][3];
+} site_t;
+
+static mk_status_t moves(const void *context, float dt, int count, const float *x, float *y) {
+    (void)context;
+    for (int k = 0; k < count * N; k += 2) {
+        y[k] = x[k] + dt * x[k + 1];
+        y[k + 1] = x[k + 1];
+    }
+    return MK_OK;
+}
+
+static mk_status_t moves_jacobian(const void *context, float dt, const float *x, float *J) {
+    (void)context;
+    (void)x;
+    for (int k = 0; k < N * N; k++) J[k] = k % (N + 1) == 0 ? 1.0f : 0.0f;
+    for (int i = 0; i < N; i += 2) J[i * N + i + 1] = dt;
+    return MK_OK;
+}
+
+static float range(const site_t *site, int r, const float *x) {
+    float sum = 0.0f;
+    for (int d = 0; 2 * d < N; d++) sum += (x[2 * d] - site->position[r][d]) * (x[2 * d] - site->position[r][d]);
+    return __builtin_sqrtf(sum);
+}
+
+static mk_status_t ranges(const void *context, float dt, int count, const float *x, float *y) {
+    (void)dt;
+    for (int k = 0; k < count; k++)
+        for (int r = 0; r < M; r++) *y++ = range(context, r, x + k * N);
+    return MK_OK;
+}
+
+static mk_status_t ranges_jacobian(const void *context, float dt, const float *x, float *J) {
+    const site_t *const site = context;
+    (void)dt;
+    for (int r = 0; r < M; r++, J += N) {
+        const float inverse = 1.0f / range(site, r, x);
+        for (int d = 0; 2 * d < N; d++) {
+            J[2 * d] = (x[2 * d] - site->position[r][d]) * inverse;
+            J[2 * d + 1] = 0.0f;
+        }
+    }
+    return MK_OK;
+}
+
+/* --- runs ------------------------------------------------------------------------------------------------------------------------- */
+
+static float Q[MK_PACKED(N)], P0[MK_PACKED(N)], R[MK_PACKED(M)], x0[N];
+static site_t site[SLOTS];
+static mk_sensor_f32_t sensor[SLOTS];
+static filter_config_t config;
+static filter_t filter;
+static uint32_t seed = 1;
+
+enum { START, PREDICT, PUT, UPDATE, FUNCTIONS };
+static const char *const names[FUNCTIONS] = {"start", "predict", "put", "update"};
+static uint32_t worst[FUNCTIONS];
+
+/* One call of a function of the filter, counted, its stack measured. */
+#define CALL(function, begin, call) \
+    do { \
+        mk_stack_paint(); \
+        const uint32_t before = mk_stack_depth(); \
+        begin(); \
+        status = (call); \
+        size_end(); \
+        const uint32_t used = mk_stack_used() - before; \
+        if (used > worst[function]) worst[function] = used; \
+    } while (0)
+
+/* Uniform on [-1, 1). */
+static float draw(void) {
+    seed = seed * UINT32_C(1664525) + UINT32_C(1013904223);
+    return (float)((int32_t)seed >> 8) * (1.0f / 8388608.0f);
+}
+
+static int run(const char *name, uint8_t update, uint16_t increments) {
+    mk_status_t status;
+    float x[N];
+    config.update = update;
+    config.increments = increments;
+    config.rule = update == MK_UPDATE_PROGRESSIVE ? MK_RULE_INNOVATION : MK_RULE_NONE;
+    for (int i = 0; i < N; i++) x[i] = x0[i] + (i % 2 == 0 ? 0.1f : 0.01f) * draw();
+    CALL(START, size_begin_start, unscented_start(&filter, &config));
+    for (int t = 0; t < STEPS && status == MK_OK; t++) {
+        (void)moves(0, 1.0f, 1, x, x);
+        CALL(PREDICT, size_begin_predict, unscented_predict(&filter, 1.0f));
+        for (int l = 0; l < SLOTS && status == MK_OK; l++) {
+            float z[M];
+            for (int r = 0; r < M; r++) z[r] = range(site + l, r, x) + 0.04f * draw();
+            CALL(PUT, size_begin_put, unscented_put(&filter, l, z));
+        }
+        if (status == MK_OK) CALL(UPDATE, size_begin_update, unscented_update(&filter));
+    }
+    mk_write("filter ");
+    mk_write(name);
+    mk_write(" ");
+    mk_write_number(STEPS);
+    mk_write("\n");
+    return status == MK_OK;
+}
+
+int main(void) {
+    size_loops();
+    for (int i = 0; i < N; i += 2) {
+        x0[i] = 3.0f;
+        x0[i + 1] = 0.05f;
+        P0[MK_PACKED(i) + i] = 0.1f;
+        P0[MK_PACKED(i + 1) + i + 1] = 1e-3f;
+        Q[MK_PACKED(i) + i] = 1e-5f / 3.0f;
+        Q[MK_PACKED(i + 1) + i] = 5e-6f;
+        Q[MK_PACKED(i + 1) + i + 1] = 1e-5f;
+    }
+    for (int l = 0; l < SLOTS; l++) {
+        for (int r = 0; r < M; r++) {
+            const int k = l * M + r; /* (0, 0), (2, 0), (0, 2), and on */
+            site[l].position[r][0] = k % 3 == 1 ? 2.0f : 0.0f;
+            site[l].position[r][1] = k % 3 == 2 ? 2.0f : 0.0f;
+            site[l].position[r][2] = 0.1f * (float)k;
+            R[MK_PACKED(r) + r] = 2e-3f;
+        }
+        sensor[l].model.function = ranges;
+        sensor[l].model.jacobian = ranges_jacobian;
+        sensor[l].model.context = site + l;
+        sensor[l].R = R;
+        sensor[l].rows = M;
+    }
+    config.n = N;
+    config.m = M;
+    config.slots = SLOTS;
+    config.transition.model.function = moves;
+    config.transition.model.jacobian = moves_jacobian;
+    config.transition.Q = Q;
+    config.sensor = sensor;
+    config.x0 = x0;
+    config.P0 = P0;
+    config.transform.spread = 3.0f;
+    config.transform.correction = -1.0f;
+
+    const int good = run("ukf", MK_UPDATE_UNSCENTED, 1) & run("ekf", MK_UPDATE_EXTENDED, 1) & run("mpukf-5", MK_UPDATE_PROGRESSIVE, 5) &
+                     run("mpukf-30", MK_UPDATE_PROGRESSIVE, 30) & run("iukf", MK_UPDATE_ITERATED, 5);
+    for (int k = 0; k < FUNCTIONS; k++) {
+        mk_write("stack ");
+        mk_write(names[k]);
+        mk_write(" ");
+        mk_write_number(worst[k]);
+        mk_write("\n");
+    }
+    mk_write("ram ");
+    mk_write_number((uint32_t)sizeof filter);
+    mk_write("\n");
+    return !good;
+}
