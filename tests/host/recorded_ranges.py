@@ -104,7 +104,7 @@ def scenario(recording, **tracking):
     """What one who has such a recording writes: a walk, the room's middle as x0, noise of the data sheet, a ring of links and its long diagonals."""
     n, dimensions = len(recording.anchors), recording.anchors.shape[1]
     middle = [ROOM[0] / 2, ROOM[1] / 2, 1.0][:dimensions]
-    return {"model": {"motion": "constant-velocity", "states": STATES[dimensions], "acceleration_psd": [1.0, 1.0, 0.2][:dimensions],
+    return {"model": {"motion": "constant-velocity", "states": STATES[dimensions], "acceleration_psd": [0.3, 0.3, 0.1][:dimensions],
                       "x0": middle + [0.0] * dimensions, "P0": np.diag([9.0, 4.0, 0.25][:dimensions] + [1.0] * dimensions).tolist()},
             "nodes": [{"sensor": "range", "position_m": list(map(float, p)), "R": [[SIGMA**2]]} for p in recording.anchors],
             "edges": [[i, (i + 1) % n] for i in range(n)] + [[i, i + n // 2] for i in range(n // 2)], "tracking": tracking}

@@ -213,7 +213,7 @@ def test_inflated_ratio_is_one(code):
 
 @pytest.mark.parametrize("bits", (32, 64))
 def test_way_back(code, bits):
-    """More than `patience` updates in a row with most readings refused: P := P0, x stays, all readings are used; one good update starts anew."""
+    """More than `patience` updates with most readings refused, less the others: P := P0, x stays, all readings are used."""
     H, P0 = np.eye(2), np.diag([4.0, 9.0])
     models, bound = [(linear(H[:1]), np.eye(1) * 0.01)] * 3, thresholds(0.01, 3)
 
@@ -244,14 +244,19 @@ def test_way_back(code, bits):
     book.sensors = [(m, np.eye(1) * R) for m, _ in models]
     book.update({0: [50.0], 1: [50.0], 2: [50.5]})
     assert max(distance(f.x, f.P, book)) < (1e-12 if bits == 64 else 1e-4)
-    # Half is not most; a good update in between starts the count anew; patience 0 never comes back.
+    # Half is not most; a good update in between counts down: half of them bad never come back, two of three do; patience 0 never comes back.
     f = make()
     for _ in range(10):
         feed(f, 50.0, 0.0)
     assert f.core.gated_updates == 0 and f.core.reinitialised == 0
-    for k in range(9):
+    for k in range(30):
+        feed(f, *([0.0] * 3 if k % 2 else [50.0] * 3))
+    assert f.core.reinitialised == 0 and f.core.gated_updates == 0
+    for k, count in enumerate([1, 2, 1, 2, 3, 2, 3, 0]):
+        assert f.core.reinitialised == 0
         feed(f, *([0.0] * 3 if k % 3 == 2 else [50.0] * 3))
-    assert f.core.reinitialised == 0
+        assert f.core.gated_updates == count
+    assert f.core.reinitialised == 1
     f = make()
     f.gate.patience = 0
     for k in range(30):

@@ -57,7 +57,7 @@ typedef struct {
     long repeated;          /* recorded: lines of both files that were there before */
     long with_truth;        /* recorded: instants that have some */
     long half;              /* the instant that the second half begins with; recorded, with truth: of those that have some */
-    double longest_gap_s;   /* recorded: between instants */
+    double longest_gap_s, longest_gap_from_s; /* recorded: between instants; time of the one before it */
     double last_s;          /* recorded: time of the last instant */
     uint64_t known;         /* bit i: state i has truth, somewhere */
     const char *sha256;     /* of recorded times, readings and truth; empty if drawn */

@@ -105,7 +105,9 @@ static void gather(mk_events_t *events, const entry_t *entry, size_t count, long
     events->facts.last_s = instants ? events->time[instants - 1] : 0.0;
     for (size_t i = 1; i < instants; i++) {
         const double gap = events->time[i] - events->time[i - 1];
-        if (gap > events->facts.longest_gap_s) events->facts.longest_gap_s = gap;
+        if (!(gap > events->facts.longest_gap_s)) continue;
+        events->facts.longest_gap_s = gap;
+        events->facts.longest_gap_from_s = events->time[i - 1];
     }
 }
 

@@ -13,6 +13,9 @@
 #include "signals.h"
 #include "tracking/track_report.h"
 
+/* A gap of so many mean intervals is worth a note. */
+#define LONG_GAP 1000.0
+
 static int refuse_options(const mk_simulate_options_t *a, mk_error_t *error) {
     if (a->truth && strcmp(a->truth, "least-favourable") == 0)
         return mk_fail(error, "--truth least-favourable is for linear scenarios: the worst model of a nonlinear one is not known");
@@ -163,6 +166,14 @@ static void note_network(const mk_scenario_t *s, const mk_tracking_filter_t *onl
     free(part);
 }
 
+/* A time stamp that is far from all others makes a prediction over years. */
+static void note_gap(const mk_events_facts_t *facts, json_t *notes) {
+    const double others = facts->last_s - facts->start_s - facts->longest_gap_s;
+    if (facts->drawn || facts->steps < 3 || !(facts->longest_gap_s > LONG_GAP * others / (double)(facts->steps - 2))) return;
+    add_note(notes, "%.6g s without a reading, from t = %.15g on, %.3g times the mean interval of the others: a wrong time stamp?", facts->longest_gap_s,
+             facts->longest_gap_from_s, facts->longest_gap_s / others * (double)(facts->steps - 2));
+}
+
 /* --- the work --------------------------------------------------------------------------------------------------------------- */
 
 /* Runs the campaign's filter, or all of them if it has none. An exit status. */
@@ -207,6 +218,7 @@ static int run_written(mk_track_campaign_t *c, const char *json, int *interrupte
     int status = json && !mk_open_output(&file, json, error) ? MK_EXIT_INPUT : 0;
     if (!status) {
         note_network(c->scenario, c->filter, notes);
+        note_gap(&c->facts, notes);
         status = run_filters(c, filters, notes, interrupted, error);
         if (json) {
             mk_error_t file_error;
