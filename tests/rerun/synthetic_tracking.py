@@ -45,7 +45,7 @@ class TrackingLog(Log):
         self.header = {
             "format": "meshkal-log", "format_version": 1, "program": "meshkal 0.0.0", "filter": filter, "real": real, "kind": "tracking",
             "source": "drawn" if truth else "recorded", "seed": seed, "runs": runs, "steps": steps, "loss": 0.1, "dt_s": 0.5, "start_s": 10.0,
-            "iterations": iterations if filter == "duif" else 0, "states": len(states), "positions": dimensions if positions else 0,
+            "iterations": iterations if filter == "duif" else 0, "protocol": "metropolis", "increments": 30, "gate": 0.001 if gate else 0.0, "states": len(states), "positions": dimensions if positions else 0,
             "nodes": nodes, "estimators": e, "rows": rows, "slots": slots,
         }
         self._draw_tracking(rng, truth, gate, dimensions if positions else 0)

@@ -86,6 +86,8 @@ BAD = {
     "tracking filter without kind": (without("kind"), "header: filter is missing or wrong"),
     "no start": (without("start_s"), "header: start_s is missing or wrong"),
     "no iterations": (without("iterations"), "header: iterations is missing or wrong"),
+    "gate of text": (header_with(gate="wide"), "header: gate is missing or wrong"),
+    "no protocol": (without("protocol"), "header: protocol is missing or wrong"),
     "negative iterations": (header_with(iterations=-1), "header: iterations is missing or wrong"),
     "other iterations": (header_with(iterations=7), "consensus_disagreement has 5 numbers instead of 8"),
     "one estimator": (header_with(estimators=1), "header: 1 estimators do not fit filter duif with 3 nodes"),

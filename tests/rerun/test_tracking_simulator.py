@@ -105,3 +105,18 @@ def test_recorded_readings_at_irregular_times(tmp_path):
     assert [row[0] for row in recording.rows("rejections", "TextLog:text")[2]] and 41 in recording.rows("rejections", "TextLog:text")[0]
     assert "no truth in the log" in recording.summary() and "recorded" in recording.summary()
     assert len(recording.series("disagreement/compared/duif")) == len(steps) == 60
+
+
+def test_settings_as_used_and_not_as_in_the_scenario(tmp_path):
+    ids = set()
+    for i, options in enumerate(([], ["--gate", "none"], ["--gate", "0.01"], ["--iterations", "3"], ["--protocol", "ratio"])):
+        header, _ = simulate(SCENARIO, tmp_path / f"{i}.cbor", "--filter", "duif", "--steps", "5", *options)
+        recording = show(tmp_path / f"{i}.cbor")
+        gate = f"significance {header['gate']:g}, skip" if header["gate"] else "none"
+        assert f"| gate | {gate} |" in recording.summary()
+        assert f"| consensus | {header['protocol']}, {header['iterations']} iterations |" in recording.summary()
+        ids.add(recording.reader.recordings()[0].recording_id)
+        wanted = dict(zip(options[::2], options[1::2]))
+        assert header["gate"] == float(wanted.get("--gate", "0.001").replace("none", "0"))
+        assert header["protocol"] == wanted.get("--protocol", "metropolis") and header["iterations"] == int(wanted.get("--iterations", 10))
+    assert len(ids) == 5

@@ -79,7 +79,7 @@ def _convert(reader: LogReader, output: Path, run: int, others: Sequence[tuple[s
     if first is None:
         raise LogError(f"the log has no step of run {run}")
     compared = tuple(label for _, label, _ in others) if scenario.position_states else ()
-    with recording_file(output, recording_id(reader.header, run), blueprint(reader.header, scenario, first, compared)) as rec:
+    with recording_file(output, recording_id(reader.header, run, compared), blueprint(reader.header, scenario, first, compared)) as rec:
         recorder = Recorder(rec, reader.header, scenario, run)
         beside = comparison.Comparison(rec, scenario) if compared else None
         batches = chain([first], batches)

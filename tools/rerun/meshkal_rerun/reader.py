@@ -57,6 +57,9 @@ class Header:
     tracking: bool
     start_s: float  # time of x0 of a tracking log
     iterations: int  # of the consensus of a tracking log, else 0
+    protocol: str
+    increments: int
+    gate: float  # significance, 0 without one
 
     @property
     def central(self) -> bool:
@@ -301,6 +304,9 @@ def _header(item: object) -> Header:
         tracking=kind == TRACKING,
         start_s=take("start_s", _is_finite_number) if kind == TRACKING else 0.0,
         iterations=take("iterations", _is_unsigned) if kind == TRACKING else 0,
+        protocol=take("protocol", text) if kind == TRACKING else "",
+        increments=take("increments", _is_unsigned) if kind == TRACKING else 0,
+        gate=take("gate", lambda value: _is_finite_number(value) and 0 <= value < 1) if kind == TRACKING else 0.0,
     )
 
 

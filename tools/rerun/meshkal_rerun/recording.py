@@ -34,11 +34,13 @@ _SUMMARY_STYLE = {
 }
 
 
-def recording_id(header: Header, run: int) -> str:
+def recording_id(header: Header, run: int, compared: Sequence[str] = ()) -> str:
     """The same run gives the same id. The viewer merges recordings of equal id, so everything that makes a run differ is in it."""
     rest = (header.program, header.real, header.source, header.steps, header.loss, header.dt_s)
     if header.estimator_nodes != tuple(range(header.nodes)) and not header.central:
         rest += header.estimator_nodes
+    if header.tracking:
+        rest += (header.start_s, header.iterations, header.protocol, header.increments, header.gate, *compared)
     digest = hashlib.sha256(repr(rest).encode()).hexdigest()[:8]
     return f"{header.scenario_sha256[:16]}-{header.filter}-seed{header.seed}-run{run}-{digest}"
 

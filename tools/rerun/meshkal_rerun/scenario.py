@@ -21,8 +21,7 @@ class Scenario:
     sensors: tuple[str, ...] = ()  # kind of each node's
     range_limits_m: np.ndarray | None = None  # (N,), infinite where there is none
     planar: bool = True  # positions have two coordinates
-    gate: str = ""
-    consensus: str = ""
+    gate_policy: str = ""
 
     @property
     def all_positions_m(self) -> np.ndarray | None:
@@ -64,7 +63,7 @@ def _parse_tracking(header: Header, document: dict, model: object) -> Scenario:
     if not all(limit == math.inf or _is_number(limit) for limit in limits):
         raise LogError("scenario: range_limit_m of a node is not a number")
     settings = document.get("tracking")
-    settings = settings if isinstance(settings, dict) else {}
+    gate = settings.get("gate") if isinstance(settings, dict) else None
     return Scenario(
         name=str(document.get("name") or "unnamed"),
         node_positions_m=_node_positions(nodes, header.nodes, partial=True),
@@ -74,8 +73,7 @@ def _parse_tracking(header: Header, document: dict, model: object) -> Scenario:
         sensors=tuple(str(node.get("sensor")) for node in nodes),
         range_limits_m=np.array(limits, dtype=np.float64),
         planar=len(position_states) < 3,
-        gate=_short(settings.get("gate")),
-        consensus=_short(settings.get("consensus")) if header.filter == "duif" else "",
+        gate_policy=str(gate.get("policy", "skip")) if isinstance(gate, dict) else "skip",
     )
 
 

@@ -114,8 +114,9 @@ class TrackingSummary(Summary):
         kinds = sorted(set(scenario.sensors) - {"none"})
         own = [
             ("sensors", ", ".join(f"{scenario.sensors.count(kind)} {kind}" for kind in kinds)),
-            ("gate", scenario.gate or "none"),
-            ("iterations of consensus", f"{header.iterations} ({scenario.consensus})" if header.filter == "duif" else ""),
+            ("gate", f"significance {header.gate:g}, {scenario.gate_policy}" if header.gate else "none"),
+            ("increments at most", str(header.increments) if header.filter in ("pukf", "mpukf") else ""),
+            ("consensus", f"{header.protocol}, {header.iterations} iterations" if header.filter == "duif" else ""),
         ]
         return [row for row in own if row[1]] + super()._facts()
 
