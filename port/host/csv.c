@@ -8,7 +8,7 @@
 
 #include "file.h"
 
-static int check_header(const char *path, char *line, int columns, const char *const *names, mk_error_t *error) {
+static int check_header(const char *path, long number, char *line, int columns, const char *const *names, mk_error_t *error) {
     char wanted[128] = "";
     for (int c = 0; c < columns; c++) {
         (void)strncat(wanted, c ? "," : "", sizeof wanted - strlen(wanted) - 1);
@@ -18,7 +18,9 @@ static int check_header(const char *path, char *line, int columns, const char *c
     for (const char *from = line; *from; from++)
         if (*from != ' ' && *from != '\r' && *from != '"') *to++ = *from;
     *to = 0;
-    return strcmp(line, wanted) == 0 ? 1 : mk_fail(error, "%s:1: the header must be %s", path, wanted);
+    if (strcmp(line, wanted) == 0) return 1;
+    return mk_fail(error, "%s:%ld: the header must be %s, not %.60s%s", path, number, wanted, line,
+                   strchr(line, ';') || strchr(line, '\t') ? ": columns are separated by commas, and decimals have a point" : "");
 }
 
 static int read_line(mk_csv_t *csv, char *text, long line, const char *const *names, mk_error_t *error) {
@@ -53,18 +55,19 @@ int mk_csv_read(mk_csv_t *csv, const char *path, int columns, const char *const 
     csv->columns = columns;
     csv->value = mk_allocate(lines * (size_t)columns, sizeof *csv->value);
     csv->line = mk_allocate(lines, sizeof *csv->line);
-    int good = 1;
+    int good = 1, headed = 0;
     long line = 0;
     /* Spreadsheets put a byte order mark in front. */
     for (char *at = strncmp(text, "\xef\xbb\xbf", 3) == 0 ? text + 3 : text; good && at && *at;) {
         char *end = strchr(at, '\n');
         if (end) *end = 0;
         line++;
-        if (line == 1) good = check_header(path, at, columns, names, error);
-        else if (at[strspn(at, " \r")] != 0) good = read_line(csv, at, line, names, error);
+        const char first = at[strspn(at, " \r")];
+        if (first != '#' && !headed) good = headed = check_header(path, line, at, columns, names, error);
+        else if (first != '#' && first != 0) good = read_line(csv, at, line, names, error);
         at = end ? end + 1 : NULL;
     }
-    if (good && line == 0) good = mk_fail(error, "%s: empty", path);
+    if (good && !headed) good = mk_fail(error, "%s: empty", path);
     free(text);
     if (!good) mk_csv_free(csv);
     return good;

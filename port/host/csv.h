@@ -15,7 +15,7 @@ typedef struct {
     long *line;    /* of each row, in the file */
 } mk_csv_t;
 
-/* Reads a file whose header is exactly the given column names. Empty lines are skipped; the value column may not be empty, NaN or
+/* Reads a file whose header is exactly the given column names. Empty lines are skipped, and those that begin with #; the value column may not be empty, NaN or
    infinite: leave the row out instead. 1, or 0 and an error that names file and line. path must outlive the result. */
 int mk_csv_read(mk_csv_t *csv, const char *path, int columns, const char *const *names, mk_error_t *error);
 

@@ -224,7 +224,7 @@ static void bad_recordings(void **state) {
         {HEAD "0,0,0,1\n", "", "x.csv: empty"},
         {HEAD "0,0,0,1\n", HEAD, "x.csv:1: the header must be t,state,value"},
         {HEAD "0,0,0,1\n", STATE "0.5,4,1\n", "x.csv:2: state is 4: must be an integer from 0 to 3"},
-        {HEAD "0,0,0,1\n", STATE "0.5,1,1\n0,1,1\n0.5,1,1\n", "x.csv:4: a second value for the same place: line 2 has it, too"},
+        {HEAD "0,0,0,1\n", STATE "0.5,1,1\n0,1,1\n0.5,1,2\n", "x.csv:4: a second value for the same place: line 2 has it, too"},
     };
     scene_t scene;
     mk_error_t error;

@@ -25,7 +25,6 @@ class Model:
         self.nodes, self.linear = scenario["nodes"], linear or {}
         self.R = [np.atleast_2d(np.array(node.get("R", [[1.0]]), float)) for node in self.nodes]
         self.angles = [{"bearing": [0], "range-bearing": [1]}.get(node["sensor"], []) for node in self.nodes]
-        self.neighbours = [[k] + sorted({a if b == k else b for a, b in map(tuple, scenario["edges"]) if k in (a, b)}) for k in range(len(self.nodes))]
 
     def move(self, x, dt):
         y = x.copy()
@@ -177,8 +176,8 @@ class Robust:
         theta = 0.0
         if c > 0:
             top = 1 / values[-1]
-            theta = scipy.optimize.brentq(lambda t: np.sum(np.log1p(-t * values) + t * values / (1 - t * values)) - c, 0, top * (1 - 1e-9), xtol=1e-16 * top,
-                                          rtol=1e-15)
+            theta = scipy.optimize.brentq(lambda t: np.sum(np.log1p(-t * values) + t * values / (1 - t * values)) - c, 0, top * (1 - 1e-9),
+                                          xtol=1e-16 * top, rtol=1e-15)
         self.V = np.linalg.inv(np.linalg.inv(P) - theta * np.eye(self.m.n))
         return theta
 

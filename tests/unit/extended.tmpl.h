@@ -9,7 +9,8 @@ MK_RKFD_OF(NAME(plain), PRECISION, N, M, SLOTS);
 static const REAL NAME(A)[N * N] = {1, (REAL)0.5, (REAL)0.125, 0, 1, (REAL)0.5, 0, (REAL)-0.25, (REAL)0.75};
 static const REAL NAME(C)[SLOTS * M * N] = {1, 0, 0, 0, (REAL)0.5, 1, (REAL)0.5, 1, 0, 0, 0, 0};
 static const REAL NAME(R)[SLOTS][3] = {{(REAL)0.5, (REAL)0.125, (REAL)0.25}, {1, 0, 0}};
-static const REAL NAME(Q)[6] = {(REAL)0.125, 0, (REAL)0.0625, 0, 0, (REAL)0.25}, NAME(x0)[N] = {1, -1, (REAL)0.5}, NAME(P0)[6] = {2, 0, 1, 0, (REAL)0.25, 1};
+static const REAL NAME(Q)[6] = {(REAL)0.125, 0, (REAL)0.0625, 0, 0, (REAL)0.25}, NAME(x0)[N] = {1, -1, (REAL)0.5};
+static const REAL NAME(P0)[6] = {2, 0, 1, 0, (REAL)0.25, 1};
 static const REAL NAME(weight)[SLOTS] = {(REAL)0.625, (REAL)0.375};
 static const uint8_t NAME(rows)[SLOTS] = {2, 1};
 
@@ -58,7 +59,8 @@ static OF(mk_sensor, PRECISION) NAME(sensor)[SLOTS] = {{{NAME(see), NAME(see_jac
                                                         {{NAME(see), NAME(see_jacobian), &NAME(slot)[1], 0}, NAME(R)[1], 1}};
 
 /* What the filter under test keeps in RAM. */
-static REAL NAME(ram_A)[N * N], NAME(ram_Q)[6], NAME(ram_C)[SLOTS * M * N], NAME(ram_F)[SLOTS * M * N], NAME(ram_S)[SLOTS * 6], NAME(ram_R)[SLOTS * 3];
+static REAL NAME(ram_A)[N * N], NAME(ram_Q)[6], NAME(ram_C)[SLOTS * M * N], NAME(ram_F)[SLOTS * M * N];
+static REAL NAME(ram_S)[SLOTS * 6], NAME(ram_R)[SLOTS * 3];
 
 static NET(extended_t) NAME(model)(void) {
     const NET(extended_t) model = {&NAME(transition), NAME(sensor), NAME(ram_A), NAME(ram_Q), NAME(ram_C), NAME(ram_F), NAME(ram_S), NAME(ram_R)};
@@ -92,9 +94,11 @@ static void NAME(test_linear)(void **state) {
         const REAL c = robust ? (REAL)0.05 : 0;
         REAL F[SLOTS * M * N], S[SLOTS * 6], R_inverse[SLOTS * 3], work[3 * 3];
         for (int l = 0; l < SLOTS; l++)
-            assert_int_equal(NAME(mk_rkfd_sensor)(N, M, NAME(rows)[l], NAME(C) + l * M * N, NAME(R)[l], F + l * M * N, S + l * 6, R_inverse + l * 3, work),
+            assert_int_equal(NAME(mk_rkfd_sensor)(N, M, NAME(rows)[l], NAME(C) + l * M * N, NAME(R)[l], F + l * M * N, S + l * 6,
+                                                  R_inverse + l * 3, work),
                              MK_OK);
-        const PLAIN(config_t) ready = {N, M, SLOTS, NAME(A), NAME(Q), input, NAME(x0), NAME(P0), NAME(weight), NAME(rows), NAME(C), F, S, R_inverse, c, 0};
+        const PLAIN(config_t) ready = {N, M, SLOTS, NAME(A), NAME(Q), input, NAME(x0), NAME(P0), NAME(weight), NAME(rows), NAME(C),
+                                       F, S, R_inverse, c, 0};
         const NET(extended_t) model = NAME(model)();
         const NET(config_t) config = NAME(config)(c);
         NET(t) cut;

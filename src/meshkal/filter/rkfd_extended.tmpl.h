@@ -2,7 +2,8 @@
 /* The robust filter linearised at its own estimate: meshkal/extended.h. */
 
 /* The result of a function and its derivative at x; finite, or a status. */
-static mk_status_t MK_F(mk_extended_linearise)(int n, int rows, const MK_F_T(mk_model) * model, MK_REAL dt, const MK_REAL *x, MK_REAL *y, MK_REAL *J) {
+static mk_status_t MK_F(mk_extended_linearise)(int n, int rows, const MK_F_T(mk_model) * model, MK_REAL dt, const MK_REAL *x, MK_REAL *y,
+                                                  MK_REAL *J) {
     if (!model->function || !model->jacobian) return MK_ERROR_ARGUMENT;
     mk_status_t status = model->function(model->context, dt, 1, x, y);
     if (status == MK_OK) status = model->jacobian(model->context, dt, x, J);

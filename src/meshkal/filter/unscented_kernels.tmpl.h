@@ -10,7 +10,7 @@ typedef struct {
     const struct MK_F(mk_unscented_kernels) *kernels;
     int n, m, slots;
     int rows, stacked_rows;          /* stacked, now and when they were judged together */
-    int present, refused;            /* sensors with a reading; those that the gate refused */
+    int present, beyond;             /* sensors with a reading; those beyond the gate, refused or inflated */
     int back;                        /* the gate's way back was taken: L0 is that of P0 */
     MK_REAL *factor;                 /* slots: what the gate says of a sensor, 0 where there is nothing to use */
     MK_REAL *d2, together;           /* slots: and why; of all together, negative if they were not judged */

@@ -126,12 +126,11 @@ static void MK_F(mk_judge_sensors)(MK_F_T(mk_updating) * u) {
         const int rows = u->config->sensor[l].rows;
         u->d2[l] = MK_F(mk_stack_distance)(u, first, rows);
         u->factor[l] = MK_F(mk_foresee)(gate, gate->sensor[rows - 1], u->d2[l]);
+        u->beyond += u->factor[l] != MK_R(1.0);
         if (u->factor[l] > MK_R(1.0)) MK_F(mk_stack_inflate)(u, first, rows, u->factor[l]);
         if (u->factor[l] > MK_R(0.0)) {
             MK_F(mk_stack_move)(u, first, rows, left);
             left += rows;
-        } else {
-            u->refused++;
         }
         first += rows;
     }
@@ -145,13 +144,13 @@ static void MK_F(mk_judge_stack)(MK_F_T(mk_updating) * u) {
     u->together = MK_F(mk_stack_distance)(u, 0, u->rows);
     const MK_REAL f = MK_F(mk_foresee)(gate, gate->stacked[u->rows - 1], u->together);
     u->nis = f > MK_R(1.0) ? u->together / f : u->together;
-    if (f > MK_R(1.0)) MK_F(mk_stack_inflate)(u, 0, u->rows, f);
-    if (f > MK_R(0.0)) return;
-    u->rows = 0;
+    if (f == MK_R(1.0)) return;
     for (int l = 0; l < u->slots; l++) {
-        u->refused += u->factor[l] > MK_R(0.0);
-        u->factor[l] = MK_R(0.0);
+        u->beyond += u->factor[l] == MK_R(1.0);
+        u->factor[l] *= f;
     }
+    if (f > MK_R(0.0)) MK_F(mk_stack_inflate)(u, 0, u->rows, f);
+    else u->rows = 0;
 }
 
 static mk_status_t MK_F(mk_stack_prior)(MK_F_T(mk_updating) * u) {
@@ -171,7 +170,7 @@ static mk_status_t MK_F(mk_prepare)(MK_F_T(mk_updating) * u) {
     if (status != MK_OK || !gate) return status;
     if (gate->sensor) MK_F(mk_judge_sensors)(u);
     if (gate->stacked && u->rows > 0) MK_F(mk_judge_stack)(u);
-    if (2 * u->refused <= u->present || gate->patience == 0 || u->view->core->gated_updates < gate->patience) return MK_OK;
+    if (2 * u->beyond <= u->present || gate->patience == 0 || u->view->core->gated_updates < gate->patience) return MK_OK;
     u->back = 1;
     u->nis = MK_R(-1.0);
     for (int i = 0; i < MK_AT(u->n, 0); i++) u->L0[i] = u->config->P0[i];
@@ -220,7 +219,8 @@ static mk_status_t MK_F(mk_cost)(MK_F_T(mk_updating) * u, const MK_REAL *x, MK_R
     for (int l = 0; l < u->slots; l++) {
         if (!(u->factor[l] > MK_R(0.0))) continue;
         const MK_F_T(mk_sensor) *const sensor = u->config->sensor + l;
-        const mk_status_t status = MK_F(mk_call)(&sensor->model, n, sensor->rows, 1, MK_R(0.0), 1, x, u->mean);
+        mk_status_t status = MK_F(mk_call)(&sensor->model, n, sensor->rows, 1, MK_R(0.0), 1, x, u->mean);
+        if (status == MK_OK && !MK_F(mk_all_finite)(sensor->rows, u->mean)) status = MK_ERROR_NOT_FINITE;
         if (status != MK_OK) {
             u->view->core->failed = (uint16_t)l;
             return status;
@@ -303,15 +303,17 @@ static void MK_F(mk_unscented_commit)(const MK_F_T(mk_updating) * u, int done, i
     for (int l = 0; l < u->slots; l++) {
         if (!view->have[l]) continue;
         const MK_REAL threshold = gate && gate->sensor && !u->back ? gate->sensor[u->config->sensor[l].rows - 1] : MK_R(0.0);
-        (void)MK_F(mk_gate_judge)(gate ? gate->policy : MK_GATE_SKIP, threshold, u->d2[l], view->record + l);
+        (void)MK_F(mk_gate_rate)(threshold, u->d2[l], view->record + l);
+        MK_F(mk_gate_count)(u->factor[l], view->record + l); /* which may be what all together were judged to be */
         core->measurements = (uint16_t)(core->measurements + (u->factor[l] > MK_R(0.0)));
         view->have[l] = 0;
     }
     if (u->together >= MK_R(0.0) && !u->back)
         (void)MK_F(mk_gate_judge)(gate->policy, gate->stacked[u->stacked_rows - 1], u->together, &core->stacked);
     if (u->back) core->reinitialised++;
-    if (2 * u->refused > u->present && !u->back) core->gated_updates++;
-    else if (u->present > 0) core->gated_updates = 0;
+    if (u->back) core->gated_updates = 0;
+    else if (2 * u->beyond > u->present) core->gated_updates = (uint16_t)(core->gated_updates + (core->gated_updates < UINT16_MAX));
+    else if (u->present > 0 && core->gated_updates > 0) core->gated_updates--;
     for (int i = 0; i < u->n; i++) view->x[i] = u->x[i];
     for (int i = 0; i < MK_AT(u->n, 0); i++) view->L[i] = u->L[i];
 }

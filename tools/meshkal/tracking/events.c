@@ -26,6 +26,8 @@ mk_events_t *mk_events_draw(const mk_models_f64_t *models, uint64_t seed, long s
     events->seed = seed;
     events->facts.drawn = events->facts.has_truth = 1;
     events->facts.steps = steps;
+    events->facts.half = steps / 2 + 1;
+    events->facts.known = s->n < 64 ? ((uint64_t)1 << s->n) - 1 : UINT64_MAX;
     events->facts.start_s = s->tracking->start_s;
     events->root_P0 = mk_allocate(2 * np, sizeof *events->root_P0);
     events->root_Q = events->root_P0 + np;

@@ -8,10 +8,10 @@
  * Draws belong to (seed, run, node, step), not to the order in which they are made: filters and threads do not change them.
  *
  * Recorded: measurements, columns t,node,row,value, t in seconds: any times, in any order (logs of several nodes can stand one behind the
- * other). Equal times, as numbers, are one instant. A second value for the same t, node and row is refused; a reading with some rows
- * missing is dropped whole and counted. Truth, columns t,state,value, also at any times: an instant has the values of the time
- * nearest to it if that is within half the median interval of the truth's times, of equally near ones the earlier; else it is unknown.
- * Nothing is interpolated.
+ * other). Equal times, as numbers, are one instant. A line that is there twice counts once; a second, different value for the same t, node and row
+ * is refused; a reading with some rows missing is dropped whole. Both are counted. Truth, columns t,state,value, also at any times: an instant has
+ * the values of the time nearest to it if that is within half the median interval of the truth's times, of equally near ones the earlier; else
+ * it is unknown. Nothing is interpolated. Truth that no instant has is refused: its clock is another one.
  */
 #ifndef MESHKAL_TRACKING_EVENTS_H
 #define MESHKAL_TRACKING_EVENTS_H
@@ -54,7 +54,12 @@ typedef struct {
     long steps;             /* instants of a run */
     double start_s;         /* time of x0 */
     long readings, dropped; /* recorded: used, dropped for missing rows */
+    long repeated;          /* recorded: lines of both files that were there before */
     long with_truth;        /* recorded: instants that have some */
+    long half;              /* the instant that the second half begins with; recorded, with truth: of those that have some */
+    double longest_gap_s, longest_gap_from_s; /* recorded: between instants; time of the one before it */
+    double last_s;          /* recorded: time of the last instant */
+    uint64_t known;         /* bit i: state i has truth, somewhere */
     const char *sha256;     /* of recorded times, readings and truth; empty if drawn */
 } mk_events_facts_t;
 mk_events_facts_t mk_events_facts(const mk_events_t *events);

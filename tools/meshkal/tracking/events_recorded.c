@@ -27,20 +27,31 @@ static int compare_real(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Sorts by time, node and row; most logs are sorted already. A second value for one place is an error. */
-static int sort_entries(const char *path, entry_t *entry, size_t count, mk_error_t *error) {
-    size_t i = 1;
-    while (i < count && compare_entry(&entry[i - 1], &entry[i]) < 0) i++;
-    if (i < count) qsort(entry, count, sizeof *entry, compare_entry);
-    for (i = 1; i < count; i++)
-        if (entry[i].t == entry[i - 1].t && entry[i].id == entry[i - 1].id && entry[i].row == entry[i - 1].row)
-            return mk_fail(error, "%s:%ld: a second value for the same place: line %ld has it, too", path, entry[i].line, entry[i - 1].line);
+/* Sorts by time, node and row; most logs are sorted already. Lines that are there twice are left out and counted; another value for one place is
+   an error. */
+static int sort_entries(const char *path, entry_t *entry, size_t *count, long *repeated, mk_error_t *error) {
+    size_t i = 1, kept = *count > 0;
+    while (i < *count && compare_entry(&entry[i - 1], &entry[i]) < 0) i++;
+    if (i < *count) qsort(entry, *count, sizeof *entry, compare_entry);
+    for (i = 1; i < *count; i++) {
+        const entry_t *const before = &entry[kept - 1];
+        if (entry[i].t != before->t || entry[i].id != before->id || entry[i].row != before->row) {
+            entry[kept++] = entry[i];
+        } else if (entry[i].value == before->value) {
+            ++*repeated;
+        } else {
+            return mk_fail(error, "%s:%ld: a second value for the same place: line %ld has it, too, and says %.15g, not %.15g: keep one of them, or give them "
+                                  "different times",
+                           path, entry[i].line, before->line, before->value, entry[i].value);
+        }
+    }
+    *count = kept;
     return 1;
 }
 
 /* --- readings -------------------------------------------------------------------------------------------------------------- */
 
-static entry_t *load_readings(const mk_scenario_t *s, const char *path, size_t *count, mk_error_t *error) {
+static entry_t *load_readings(const mk_scenario_t *s, const char *path, size_t *count, long *repeated, mk_error_t *error) {
     static const char *const names[] = {"t", "node", "row", "value"};
     mk_csv_t csv;
     if (!mk_csv_read(&csv, path, 4, names, error)) return NULL;
@@ -57,7 +68,7 @@ static entry_t *load_readings(const mk_scenario_t *s, const char *path, size_t *
     }
     *count = csv.rows;
     mk_csv_free(&csv);
-    good = good && sort_entries(path, entry, *count, error);
+    good = good && sort_entries(path, entry, count, repeated, error);
     if (good) return entry;
     free(entry);
     return NULL;
@@ -90,6 +101,14 @@ static void gather(mk_events_t *events, const entry_t *entry, size_t count, long
     events->first[instants] = readings;
     events->facts.steps = (long)instants;
     events->facts.readings = (long)readings;
+    events->facts.half = (long)(instants / 2) + 1;
+    events->facts.last_s = instants ? events->time[instants - 1] : 0.0;
+    for (size_t i = 1; i < instants; i++) {
+        const double gap = events->time[i] - events->time[i - 1];
+        if (!(gap > events->facts.longest_gap_s)) continue;
+        events->facts.longest_gap_s = gap;
+        events->facts.longest_gap_from_s = events->time[i - 1];
+    }
 }
 
 /* --- truth ----------------------------------------------------------------------------------------------------------------- */
@@ -120,9 +139,25 @@ static void match(mk_events_t *events, const entry_t *entry, size_t count) {
         size_t nearest = begin;
         if (end < count && entry[end].t - t < fabs(t - entry[begin].t)) nearest = end;
         if (fabs(entry[nearest].t - t) > window) continue;
-        for (size_t j = nearest; j < count && entry[j].t == entry[nearest].t; j++) events->x[i * n + (size_t)entry[j].id] = entry[j].value;
+        for (size_t j = nearest; j < count && entry[j].t == entry[nearest].t; j++) {
+            events->x[i * n + (size_t)entry[j].id] = entry[j].value;
+            events->facts.known |= (uint64_t)1 << entry[j].id;
+        }
         events->facts.with_truth++;
     }
+}
+
+/* The instant with which the second half of those with truth begins. */
+static long second_half(const mk_events_t *events) {
+    const size_t n = (size_t)events->models->n;
+    long seen = 0, i = 0;
+    while (i < events->facts.steps) {
+        int known = 0;
+        for (size_t j = 0; j < n; j++) known |= !isnan(events->x[(size_t)i * n + j]);
+        if (known && seen++ == events->facts.with_truth / 2) break;
+        i++;
+    }
+    return i + 1;
 }
 
 static int read_truth(mk_events_t *events, const char *path, mk_error_t *error) {
@@ -138,8 +173,14 @@ static int read_truth(mk_events_t *events, const char *path, mk_error_t *error) 
         entry[i].value = csv.value[3 * i + 2];
         entry[i].line = csv.line[i];
     }
-    good = good && sort_entries(path, entry, csv.rows, error);
-    if (good) match(events, entry, csv.rows);
+    size_t count = csv.rows;
+    good = good && sort_entries(path, entry, &count, &events->facts.repeated, error);
+    good = good && (count > 0 || mk_fail(error, "%s: no truth", path));
+    if (good) match(events, entry, count);
+    if (good && events->facts.with_truth == 0)
+        good = mk_fail(error, "%s: no truth at any instant: it is for %.15g to %.15g s, the measurements are for %.15g to %.15g s: two clocks, or two units?", path,
+                       entry[0].t, entry[count - 1].t, events->time[0], events->facts.last_s);
+    if (good) events->facts.half = second_half(events);
     free(entry);
     mk_csv_free(&csv);
     return good;
@@ -172,7 +213,8 @@ mk_events_t *mk_events_record(const mk_models_f64_t *models, const char *measure
     const mk_scenario_t *s = models->scenario;
     const mk_tracking_t *tracking = s->tracking;
     size_t count;
-    entry_t *entry = load_readings(s, measurements, &count, error);
+    long repeated = 0;
+    entry_t *entry = load_readings(s, measurements, &count, &repeated, error);
     if (!entry) return NULL;
     if (tracking->has_start_s && entry[0].t < tracking->start_s) {
         (void)mk_fail(error, "%s:%ld: t is %.17g: before model.start_s, %.17g", measurements, entry[0].line, entry[0].t, tracking->start_s);
@@ -182,6 +224,7 @@ mk_events_t *mk_events_record(const mk_models_f64_t *models, const char *measure
     mk_events_t *events = mk_events_open(models);
     gather(events, entry, count, steps);
     free(entry);
+    events->facts.repeated = repeated;
     events->facts.has_truth = truth != NULL;
     events->facts.start_s = tracking->has_start_s || events->facts.steps == 0 ? tracking->start_s : events->time[0];
     const size_t numbers = (size_t)s->n * (size_t)(truth ? events->facts.steps : 1);

@@ -11,7 +11,7 @@ struct MK_F(extended_node) {
     uint8_t *rows;
     MK_REAL *room;
     MK_REAL *arrays;
-    uint32_t gated; /* updates in a row in which most readings were refused */
+    uint32_t gated; /* gated_updates of meshkal/unscented.h */
 };
 
 static void MK_F(extended_open_node)(MK_F(tracker) * t, int e) {
@@ -35,13 +35,14 @@ static void MK_F(extended_open_node)(MK_F(tracker) * t, int e) {
         node->rows[l] = node->sensor[l].rows;
         weight[l] = (MK_REAL)topology->weight[first + l];
     }
-    const MK_F_T(mk_rkfd_config) config = {(uint16_t)n,      (uint16_t)m,      (uint16_t)slots,  node->model.A,         node->model.Q,
-                                           NULL,             t->x0,            t->models->P0,    weight,                node->rows,
-                                           node->model.C,    node->model.F,    node->model.S,    node->model.R_inverse, (MK_REAL)t->setting->scenario->tolerance,
-                                           NULL};
+    const MK_REAL c = (MK_REAL)t->setting->scenario->tolerance;
+    const MK_F_T(mk_rkfd_config) config = {(uint16_t)n,   (uint16_t)m,   (uint16_t)slots, node->model.A,         node->model.Q, NULL, t->x0, t->models->P0,
+                                           weight,        node->rows,    node->model.C,   node->model.F,         node->model.S, node->model.R_inverse,
+                                           c,             NULL};
     node->config = config;
     node->view.core = &node->core;
-    node->arrays = mk_allocate((size_t)(n + packed + slots * (m + n) + MK_EXTENDED_WORK(n, m) + MK_RKFD_PREDICT_WORK(n, m) + m + MK_PACKED(m)), sizeof *node->arrays);
+    const int work = MK_EXTENDED_WORK(n, m) + MK_RKFD_PREDICT_WORK(n, m) + m + MK_PACKED(m);
+    node->arrays = mk_allocate((size_t)(n + packed + slots * (m + n) + work), sizeof *node->arrays);
     node->view.x = node->arrays;
     node->view.W = node->view.x + n;
     node->view.y = node->view.W + packed;
@@ -130,13 +131,13 @@ static void MK_F(extended_hear)(MK_F(tracker) * t, int e, int slot, const mk_rea
 static void MK_F(extended_look_back)(MK_F(tracker) * t, int e, const mk_reading_t *const *reading) {
     struct MK_F(extended_node) *const node = &t->extended[e];
     const int first = t->setting->topology.first[e], slots = node->config.slots;
-    int present = 0, refused = 0;
+    int present = 0, beyond = 0;
     for (int l = 0; l < slots; l++) {
         present += t->look.arrived[first + l];
-        refused += t->look.decision[first + l] == MK_READING_REJECTED;
+        beyond += t->look.decision[first + l] == MK_READING_REJECTED || t->look.decision[first + l] == MK_READING_INFLATED;
     }
-    if (2 * refused <= present) {
-        if (present) node->gated = 0;
+    if (2 * beyond <= present) {
+        if (present && node->gated > 0) node->gated--;
         return;
     }
     const uint32_t patience = t->models->gate.patience;

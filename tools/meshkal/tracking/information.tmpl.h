@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /* duif and kcf: the node objects of meshkal/duif.h, which exchange their frames, plain, numbers in their own precision. Without iterations
-   (duif, L = 0) there is one, of which nothing arrives: each node then uses its own readings only. */
+   (duif, L = 0) there is one, of which nothing arrives: each node then uses its own readings only. epsilon of kcf: 1 / (1 + most neighbours),
+   below which the pull towards the neighbours' estimates is stable. */
 
 struct MK_F(node) {
     MK_F_T(mk_duif_config) config;

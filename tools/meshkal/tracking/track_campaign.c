@@ -202,7 +202,7 @@ static int open_workers(running_t *r) {
     const mk_track_campaign_t *const c = r->c;
     const mk_scenario_t *const s = c->scenario;
     const size_t E = (size_t)r->setting.topology.estimators, n = (size_t)s->n, room = mk_track_log_room(&r->setting);
-    size_t numbers = (size_t)MK_PACKED(n) + n;
+    size_t numbers = 2 * (size_t)MK_PACKED(n) + n;
     if (room > numbers) numbers = room;
     r->workers = c->threads < c->runs ? c->threads : c->runs;
     r->chunk = c->log_path ? 1 : c->runs / (4 * r->workers) + 1;
@@ -281,6 +281,7 @@ int mk_track_campaign_run(const mk_track_campaign_t *c, mk_track_result_t *resul
     r.setting.loss = c->loss;
     r.setting.iterations = c->filter->kind == MK_TRACK_INFORMATION ? c->scenario->tracking->iterations : 0;
     r.setting.watch = c->log_path != NULL;
+    r.setting.known = c->facts.known;
     r.seconds = mk_allocate((size_t)c->runs, sizeof *r.seconds);
     result->estimators = r.setting.topology.estimators;
     mk_track_statistics_open(&result->statistics, c->facts.steps, result->estimators);

@@ -42,7 +42,8 @@ static void put(mk_run_log_t *log, const mk_track_campaign_t *c, const char *key
     }
 }
 
-static void put_covariances(mk_run_log_t *log, const mk_track_campaign_t *c, const mk_track_setting_t *setting, const mk_track_look_t *look, double *work, float *single) {
+static void put_covariances(mk_run_log_t *log, const mk_track_campaign_t *c, const mk_track_setting_t *setting, const mk_track_look_t *look, double *work,
+                            float *single) {
     const mk_scenario_t *const s = c->scenario;
     const int E = setting->topology.estimators, n = s->n, p = s->position_count, packed = MK_PACKED(n);
     for (int e = 0; e < E; e++) {
@@ -84,6 +85,7 @@ static void put_faults(mk_run_log_t *log, const mk_track_setting_t *setting, con
     const mk_topology_t *const topology = &setting->topology;
     uint32_t *const faults = (uint32_t *)(void *)work;
     uint8_t *const measures = (uint8_t *)(work + topology->estimators);
+    const uint32_t due = !distributed(setting) ? 0 : informs(setting) ? (uint32_t)setting->iterations : 1; /* messages of each neighbour */
     memset(measures, 0, (size_t)setting->scenario->nodes);
     for (int i = 0; i < instant->count; i++) measures[instant->reading[i].node] = 1;
     for (int e = 0; e < topology->estimators; e++) {
@@ -94,8 +96,7 @@ static void put_faults(mk_run_log_t *log, const mk_track_setting_t *setting, con
         for (int l = 0; l < slots; l++) {
             const uint8_t decision = look->decision[first + l];
             if (l < heard && measures[topology->slot[first + l]] && !look->arrived[first + l]) faults[e] |= MK_FAULT_MEASUREMENT_MISSING;
-            if (distributed(setting) && l > 0 && look->messages[first + l] < (uint32_t)(setting->iterations > 1 ? setting->iterations : 1))
-                faults[e] |= MK_FAULT_ESTIMATE_MISSING;
+            if (l > 0 && look->messages[first + l] < due) faults[e] |= MK_FAULT_ESTIMATE_MISSING;
             if (decision == MK_READING_REFUSED) faults[e] |= MK_FAULT_REJECTED;
             used += decision == MK_READING_ACCEPTED || decision == MK_READING_INFLATED;
         }
@@ -104,11 +105,12 @@ static void put_faults(mk_run_log_t *log, const mk_track_setting_t *setting, con
     mk_log_uint32(log, "faults", faults, (size_t)topology->estimators);
 }
 
-static void put_exchange(mk_run_log_t *log, const mk_track_setting_t *setting, const mk_track_look_t *look, const mk_track_errors_t *errors, double *work) {
+static void put_exchange(mk_run_log_t *log, const mk_track_setting_t *setting, const mk_track_look_t *look, const mk_track_errors_t *errors,
+                         double *work) {
     const size_t slots = (size_t)setting->topology.first[setting->topology.estimators];
     uint8_t *const heard = (uint8_t *)work;
     for (int e = 0; e < setting->topology.estimators; e++)
-        for (int i = setting->topology.first[e]; i < setting->topology.first[e + 1]; i++) heard[i] = i == setting->topology.first[e] || look->messages[i] > 0;
+        for (int first = setting->topology.first[e], i = first; i < setting->topology.first[e + 1]; i++) heard[i] = i == first || look->messages[i] > 0;
     mk_log_uint8(log, "estimates_arrived", heard, slots);
     mk_log_uint32(log, "messages_arrived", look->messages, slots);
     mk_log_reals(log, "disagreement", &errors->apart, 8, 1);

@@ -57,10 +57,17 @@ double mk_track_half_width(const mk_track_statistics_t *s, double squares) {
     return mk_student_quantile(0.025, s->runs - 1.0) * sqrt(squares / (s->runs - 1.0) / s->runs);
 }
 
-/* d' P^-1 d; NaN if P is not positive definite or d not known. work: packed n. d is overwritten. */
-static double normalised(int n, const double *P, double *d, double *work) {
-    double sum = 0.0;
-    if (!mk_positive_definite_f64(n, P, work)) return (double)NAN;
+/* d' P^-1 d of the states in the set; NaN if there are none, P is not positive definite, or d not known. work: 2 packed n. d is overwritten. */
+static double normalised(int all, uint64_t set, const double *P, double *d, double *work) {
+    double *const part = work + MK_PACKED(all), sum = 0.0;
+    int n = 0;
+    for (int i = 0, place = 0; i < all; i++) {
+        if (!(set >> i & 1)) continue;
+        for (int j = 0; j <= i; j++)
+            if (set >> j & 1) part[place++] = P[MK_PACKED(i) + j];
+        d[n++] = d[i];
+    }
+    if (n == 0 || !mk_positive_definite_f64(n, part, work)) return (double)NAN;
     for (int i = 0; i < n; i++) { /* work holds L and 1 / D of L D L' */
         for (int j = 0; j < i; j++) d[i] -= work[MK_PACKED(i) + j] * d[j];
         sum += d[i] * d[i] * work[MK_PACKED(i) + i];
@@ -93,7 +100,7 @@ void mk_track_judge(const mk_track_setting_t *setting, const mk_track_look_t *lo
     const mk_tracking_t *const tracking = setting->scenario->tracking;
     const mk_motion_t *const motion = &tracking->motion;
     const int E = setting->topology.estimators, n = setting->scenario->n, dimensions = motion->dimensions;
-    double *const d = work + MK_PACKED(n);
+    double *const d = work + 2 * MK_PACKED(n);
     errors->position = errors->velocity = errors->nees = 0.0;
     for (int e = 0; e < E; e++) {
         const double *const estimate = look->estimate + e * n;
@@ -105,7 +112,7 @@ void mk_track_judge(const mk_track_setting_t *setting, const mk_track_look_t *lo
         errors->error[e] = sqrt(sum);
         errors->node_position[e] = x ? square_of(motion->position, dimensions, x, estimate) : (double)NAN;
         errors->node_velocity[e] = x ? square_of(motion->velocity, tracking->has_velocity ? dimensions : 0, x, estimate) : (double)NAN;
-        errors->node_nees[e] = normalised(n, look->covariance + e * MK_PACKED(n), d, work);
+        errors->node_nees[e] = normalised(n, setting->known, look->covariance + e * MK_PACKED(n), d, work);
         errors->position += errors->node_position[e] / E;
         errors->velocity += errors->node_velocity[e] / E;
         errors->nees += errors->node_nees[e] / E;

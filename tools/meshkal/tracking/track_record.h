@@ -56,7 +56,8 @@ typedef struct {
     double *node_position, *node_velocity, *node_nees, *error; /* E; error: of all states whose truth is known */
 } mk_track_errors_t;
 
-/* x: truth, NaN where unknown; null: all unknown. The arrays of *errors are the caller's; work: packed n + n numbers. */
+/* x: truth, NaN where unknown; null: all unknown. NEES: of the states that truth has somewhere (setting->known); NaN where one of them is unknown
+   now. The arrays of *errors are the caller's; work: 2 packed n + n numbers. */
 void mk_track_judge(const mk_track_setting_t *setting, const mk_track_look_t *look, const double *x, mk_track_errors_t *errors, double *work);
 
 #endif

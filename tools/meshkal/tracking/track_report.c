@@ -29,10 +29,17 @@ static double over_time(const double *values, long from, long steps, double (*f)
     return known ? sum / (double)known : (double)NAN;
 }
 
+/* States whose truth is known: the degrees of freedom of NEES. */
+static int states_judged(const mk_track_campaign_t *c) {
+    int count = 0;
+    for (uint64_t left = c->facts.known; left; left &= left - 1) count++;
+    return count;
+}
+
 static figures_t figures_of(const mk_track_campaign_t *c, const mk_track_result_t *r) {
     const mk_track_statistics_t *const s = &r->statistics;
     const mk_track_record_t *const mean = &s->mean;
-    const double degrees = (double)c->scenario->n * s->runs;
+    const double degrees = (double)states_judged(c) * s->runs;
     const long T = mean->steps;
     figures_t f;
     long inside = 0, known = 0;
@@ -45,8 +52,8 @@ static figures_t figures_of(const mk_track_campaign_t *c, const mk_track_result_
     f.log_position = over_time(mean->position, 0, T, log);
     f.log_velocity = over_time(mean->velocity, 0, T, log);
     f.nees = mean->single[MK_TRACK_NEES];
-    f.nees_low = mk_chi2_quantile(0.975, degrees) / s->runs;
-    f.nees_high = mk_chi2_quantile(0.025, degrees) / s->runs;
+    f.nees_low = degrees > 0.0 ? mk_chi2_quantile(0.975, degrees) / s->runs : (double)NAN;
+    f.nees_high = degrees > 0.0 ? mk_chi2_quantile(0.025, degrees) / s->runs : (double)NAN;
     for (long t = c->from - 1; t < T; t++) {
         if (isnan(mean->nees[t])) continue;
         known++;
@@ -68,7 +75,9 @@ static const char *verdict(const figures_t *f) {
 }
 
 /* All runs' count. */
-static double total(const mk_track_result_t *r, int which) { return r->statistics.runs ? round(r->statistics.mean.single[MK_TRACK_COUNT + which] * r->statistics.runs) : 0.0; }
+static double total(const mk_track_result_t *r, int which) {
+    return r->statistics.runs ? round(r->statistics.mean.single[MK_TRACK_COUNT + which] * r->statistics.runs) : 0.0;
+}
 
 static double failures(const mk_track_result_t *r) {
     double sum = 0.0;
@@ -81,9 +90,11 @@ void mk_track_report_head(FILE *out, const mk_track_campaign_t *c) {
                   c->scenario->nodes, c->scenario->n, c->facts.steps, c->runs, c->runs == 1 ? "" : "s", c->tracker->name, (unsigned long long)c->seed,
                   c->facts.drawn ? "drawn" : "recorded");
     if (c->loss > 0.0) (void)fprintf(out, ", %g of messages lost", c->loss);
-    (void)fprintf(out, "\nRMSE, NEES and NIS over steps %ld to %ld, with 95 %% confidence intervals of the runs; ln MSE: mean over all steps of the natural "
-                       "logarithm.\nNEES of an exact filter: %d; band: where its mean over the runs is in 95 of 100 steps.\n\n",
-                  c->from, c->facts.steps, c->scenario->n);
+    (void)fprintf(out, "\nRMSE, NEES and NIS over steps %ld to %ld, with 95 %% confidence intervals of the runs; ln MSE: mean over all steps of the "
+                       "natural logarithm.\n",
+                  c->from, c->facts.steps);
+    if (c->facts.known) (void)fprintf(out, "NEES of an exact filter: %d; band: where its mean over the runs is in 95 of 100 steps.\n", states_judged(c));
+    (void)fputs("\n", out);
     (void)fprintf(out, "%-12s %12s %8s %12s %8s %9s %9s %8s %15s %-14s %8s %10s %9s %9s %9s %7s %8s %6s %6s %10s %7s\n", "filter", "position [m]", "+-",
                   "vel. [m/s]", "+-", "ln MSE p", "ln MSE v", "NEES", "band", "", "NIS/rows", "apart [m]", "accepted", "rejected", "inflated", "lost",
                   "P := P0", "rule", "failed", "ns a step", "x ukf");
@@ -129,13 +140,17 @@ void mk_track_report_foot(FILE *out, const mk_track_campaign_t *c, const mk_trac
     (void)fputs("\n", out);
     json_array_foreach(notes, i, note) (void)fprintf(out, "%s\n", json_string_value(note));
     if (c->facts.drawn)
-        (void)fprintf(out, "Sensors gave %.0f readings, %.0f of them faulty; %.0f were lost by the scenario, %.0f times the target was out of range.\n",
+        (void)fprintf(out, "Sensors gave %.0f readings, %.0f of them faulty; %.0f were lost by the scenario, %.0f times the target was out of "
+                           "range.\n",
                       single[MK_TRACK_READINGS] * runs, single[MK_TRACK_FAULTY] * runs, single[MK_TRACK_SCENARIO_LOST] * runs,
                       single[MK_TRACK_OUT_OF_RANGE] * runs);
     else
-        (void)fprintf(out, "%ld readings at %ld instants, %ld of which have some truth; %ld readings with some of their rows missing were left out whole.\n",
-                      c->facts.readings, c->facts.steps, c->facts.with_truth, c->facts.dropped);
-    if (last->interrupted) (void)fprintf(out, "interrupted: the figures are of the runs that were complete, %d of %d\n", last->statistics.runs, c->runs);
+        (void)fprintf(out, "%ld readings at %ld instants in %.6g s, longest gap %.3g s; %ld instants have some truth. Left out: %ld readings with "
+                           "some of their rows missing, %ld lines that were there before.\n",
+                      c->facts.readings, c->facts.steps, c->facts.last_s - c->facts.start_s, c->facts.longest_gap_s, c->facts.with_truth,
+                      c->facts.dropped, c->facts.repeated);
+    if (last->interrupted)
+        (void)fprintf(out, "interrupted: the figures are of the runs that were complete, %d of %d\n", last->statistics.runs, c->runs);
     (void)fprintf(out, "%d thread%s, peak memory %.0f MiB\n", c->threads, c->threads == 1 ? "" : "s", mk_peak_memory() / 1048576.0);
 }
 
@@ -196,7 +211,7 @@ json_t *mk_track_report_filter(const mk_track_campaign_t *c, const mk_track_resu
     }
     mk_json_set(object, "counts", readings_of(r));
     mk_json_set(object, "failures", failures_of(r));
-    if (isfinite(c->lost_m)) set_number(object, "targets_lost", mean->single[MK_TRACK_TARGET_LOST] * r->statistics.runs);
+    if (isfinite(c->lost_m)) set_number(object, "targets_lost", round(mean->single[MK_TRACK_TARGET_LOST] * r->statistics.runs));
     set_number(object, "ns_per_step", f.ns);
     set_number(object, "time_ratio_to_ukf", r->step_seconds / r->estimators / ukf_seconds);
     mk_json_set(object, "time_s", mk_json_numbers(mean->time, T));
@@ -218,6 +233,9 @@ json_t *mk_track_report_summary(const mk_track_campaign_t *c, json_t *filters, j
         mk_json_set(root, "data_sha256", json_string(c->facts.sha256));
         mk_json_set(root, "readings", json_integer(c->facts.readings));
         mk_json_set(root, "readings_dropped", json_integer(c->facts.dropped));
+        mk_json_set(root, "lines_repeated", json_integer(c->facts.repeated));
+        mk_json_set(root, "duration_s", json_real(c->facts.last_s - c->facts.start_s));
+        mk_json_set(root, "longest_gap_s", json_real(c->facts.longest_gap_s));
         mk_json_set(root, "instants_with_truth", json_integer(c->facts.with_truth));
     }
     mk_json_set(root, "real", json_string(c->tracker->name));
@@ -225,6 +243,7 @@ json_t *mk_track_report_summary(const mk_track_campaign_t *c, json_t *filters, j
     mk_json_set(root, "states", json_integer(c->scenario->n));
     mk_json_set(root, "steps", json_integer(c->facts.steps));
     mk_json_set(root, "from_step", json_integer(c->from));
+    mk_json_set(root, "nees_states", json_integer(states_judged(c)));
     mk_json_set(root, "start_s", json_real(c->facts.start_s));
     mk_json_set(root, "runs", json_integer(c->runs));
     mk_json_set(root, "seed", json_integer((json_int_t)c->seed));

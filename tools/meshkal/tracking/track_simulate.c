@@ -13,6 +13,9 @@
 #include "signals.h"
 #include "tracking/track_report.h"
 
+/* A gap of so many mean intervals is worth a note. */
+#define LONG_GAP 1000.0
+
 static int refuse_options(const mk_simulate_options_t *a, mk_error_t *error) {
     if (a->truth && strcmp(a->truth, "least-favourable") == 0)
         return mk_fail(error, "--truth least-favourable is for linear scenarios: the worst model of a nonlinear one is not known");
@@ -21,7 +24,8 @@ static int refuse_options(const mk_simulate_options_t *a, mk_error_t *error) {
     if (a->resume) return mk_fail(error, "--resume is for linear scenarios");
     if (a->arrivals) return mk_fail(error, "--arrivals is for linear scenarios; --loss draws what is lost");
     if (a->record) return mk_fail(error, "--record is for linear scenarios");
-    if (a->measurements && a->truth && strcmp(a->truth, "nominal") == 0) return mk_fail(error, "--truth nominal is for drawn data, not with --measurements");
+    if (a->measurements && a->truth && strcmp(a->truth, "nominal") == 0)
+        return mk_fail(error, "--truth nominal is for drawn data, not with --measurements");
     if (!a->measurements && a->truth && strcmp(a->truth, "nominal") != 0)
         return mk_fail(error, "--truth %s: for drawn data it is nominal; a file goes with --measurements", a->truth);
     return 1;
@@ -48,7 +52,8 @@ static int change_settings(const mk_simulate_options_t *a, mk_scenario_t *s, mk_
     int protocol = (int)tracking->protocol;
     if (!mk_option_integer("increments", a->increments, 1, 65535, &increments, error) ||
         !mk_option_integer("iterations", a->iterations, 0, 65535, &iterations, error) || !one_of("rule", a->rule, rules, 3, &tracking->rule, error) ||
-        !one_of("protocol", a->protocol, protocols, 4, &protocol, error) || !mk_option_real("tolerance", a->tolerance, 0.0, 1e6, &s->tolerance, error))
+        !one_of("protocol", a->protocol, protocols, 4, &protocol, error) ||
+        !mk_option_real("tolerance", a->tolerance, 0.0, 1e6, &s->tolerance, error))
         return 0;
     tracking->increments = (int)increments;
     tracking->iterations = (int)iterations;
@@ -64,7 +69,8 @@ static int change_settings(const mk_simulate_options_t *a, mk_scenario_t *s, mk_
         tracking->gate.exists = 1;
     }
     if (!mk_option_real("gate", a->gate, 0.0, 1.0, &tracking->gate.significance, error)) return 0;
-    return tracking->gate.significance > 0.0 && tracking->gate.significance < 1.0 ? 1 : mk_fail(error, "--gate %s: must be between 0 and 1, or none", a->gate);
+    if (tracking->gate.significance > 0.0 && tracking->gate.significance < 1.0) return 1;
+    return mk_fail(error, "--gate %s: must be between 0 and 1, or none", a->gate);
 }
 
 static int set_campaign(mk_track_campaign_t *c, const mk_simulate_options_t *a, const mk_scenario_t *s, mk_error_t *error) {
@@ -89,7 +95,8 @@ static int set_campaign(mk_track_campaign_t *c, const mk_simulate_options_t *a, 
     return 1;
 }
 
-static int open_events(mk_track_campaign_t *c, const mk_simulate_options_t *a, const mk_models_f64_t *models, mk_events_t **events, mk_error_t *error) {
+static int open_events(mk_track_campaign_t *c, const mk_simulate_options_t *a, const mk_models_f64_t *models, mk_events_t **events,
+                       mk_error_t *error) {
     long long from = -1;
     *events = a->measurements ? mk_events_record(models, a->measurements, a->truth, a->steps ? c->facts.steps : 0, error)
                               : mk_events_draw(models, c->seed, c->facts.steps);
@@ -97,7 +104,7 @@ static int open_events(mk_track_campaign_t *c, const mk_simulate_options_t *a, c
     c->events = *events;
     c->facts = mk_events_facts(*events);
     if (!mk_option_integer("from-step", a->from_step, 1, c->facts.steps, &from, error)) return 0;
-    c->from = from > 0 ? (long)from : c->facts.steps / 2 + 1;
+    c->from = from > 0 ? (long)from : c->facts.half;
     return 1;
 }
 
@@ -150,13 +157,21 @@ static void note_network(const mk_scenario_t *s, const mk_tracking_filter_t *onl
     if (parts > 1) {
         int other = 0;
         while (part[other] == 0) other++;
-        add_note(notes, "the network is in %d parts, nodes 0 and %d in different ones: consensus cannot converge to one estimate, and each part of duif takes its "
-                        "average for that of all %d nodes",
+        add_note(notes, "the network is in %d parts, nodes 0 and %d in different ones: consensus cannot converge to one estimate, and each part of duif takes "
+                        "its average for that of all %d nodes",
                  parts, other, s->nodes);
     }
     if (bipartite && s->nodes > 1 && s->tracking->protocol == MK_PROTOCOL_PAPER && (!only || only->kind == MK_TRACK_INFORMATION))
         add_note(notes, "the graph has no cycle of odd length: the paper's protocol converges in steps only in which some node measures");
     free(part);
+}
+
+/* A time stamp that is far from all others makes a prediction over years. */
+static void note_gap(const mk_events_facts_t *facts, json_t *notes) {
+    const double others = facts->last_s - facts->start_s - facts->longest_gap_s;
+    if (facts->drawn || facts->steps < 3 || !(facts->longest_gap_s > LONG_GAP * others / (double)(facts->steps - 2))) return;
+    add_note(notes, "%.6g s without a reading, from t = %.15g on, %.3g times the mean interval of the others: a wrong time stamp?", facts->longest_gap_s,
+             facts->longest_gap_from_s, facts->longest_gap_s / others * (double)(facts->steps - 2));
 }
 
 /* --- the work --------------------------------------------------------------------------------------------------------------- */
@@ -203,6 +218,7 @@ static int run_written(mk_track_campaign_t *c, const char *json, int *interrupte
     int status = json && !mk_open_output(&file, json, error) ? MK_EXIT_INPUT : 0;
     if (!status) {
         note_network(c->scenario, c->filter, notes);
+        note_gap(&c->facts, notes);
         status = run_filters(c, filters, notes, interrupted, error);
         if (json) {
             mk_error_t file_error;

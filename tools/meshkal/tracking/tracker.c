@@ -10,15 +10,18 @@
 #include <string.h>
 
 const mk_tracking_filter_t mk_tracking_filters[MK_TRACKING_FILTER_COUNT] = {
-    {"ekf", MK_TRACK_CENTRAL},   {"ukf", MK_TRACK_CENTRAL},      {"iukf", MK_TRACK_CENTRAL},  {"iukf-literal", MK_TRACK_CENTRAL}, {"pukf", MK_TRACK_CENTRAL},
-    {"mpukf", MK_TRACK_CENTRAL}, {"duif", MK_TRACK_INFORMATION}, {"kcf", MK_TRACK_CONSENSUS}, {"rekfd", MK_TRACK_EXTENDED}};
+    {"ekf", MK_TRACK_CENTRAL},          {"ukf", MK_TRACK_CENTRAL},  {"iukf", MK_TRACK_CENTRAL},
+    {"iukf-literal", MK_TRACK_CENTRAL}, {"pukf", MK_TRACK_CENTRAL}, {"mpukf", MK_TRACK_CENTRAL},
+    {"duif", MK_TRACK_INFORMATION},     {"kcf", MK_TRACK_CONSENSUS}, {"rekfd", MK_TRACK_EXTENDED}};
 
 int mk_tracking_filter_find(const char *name, const mk_tracking_filter_t **filter, mk_error_t *error) {
     *filter = NULL;
     if (strcmp(name, "all") == 0) return 1;
     for (int i = 0; i < MK_TRACKING_FILTER_COUNT; i++)
         if (strcmp(name, mk_tracking_filters[i].name) == 0) *filter = &mk_tracking_filters[i];
-    return *filter ? 1 : mk_fail(error, "--filter %s: for a tracking scenario it must be one of ekf, ukf, iukf, iukf-literal, pukf, mpukf, duif, kcf, rekfd, all", name);
+    if (*filter) return 1;
+    return mk_fail(error, "--filter %s: for a tracking scenario it must be one of ekf, ukf, iukf, iukf-literal, pukf, mpukf, duif, kcf, rekfd, all",
+                   name);
 }
 
 void mk_track_look_open(mk_track_look_t *look, const mk_track_setting_t *setting) {

@@ -78,6 +78,7 @@ typedef struct {
     double loss;
     int iterations;         /* of consensus, else 0 */
     int watch;              /* 1: disagreement is asked for */
+    uint64_t known;         /* bit i: truth has state i */
 } mk_track_setting_t;
 
 /* One precision. */
