@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /* The nodes of duif_nodes.h on one target with the readings of a run of meshkal simulate --filter duif without losses, their frames really written and
-   accepted: every estimate must have the simulator's bits. DUIF_BITS is 32 or 64. With "altered" on the command line one reading is changed by a little:
-   that must be seen. */
+   accepted: every estimate must have the simulator's bits. DUIF_BITS is 32 or 64. With "altered" on the command line one reading is changed by a
+   little: that must be seen. */
 #define MK_BITS DUIF_BITS
 #include <meshkal/real.h>
 
