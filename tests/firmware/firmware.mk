@@ -124,9 +124,6 @@ endef
 FIRMWARE_VECTORS = $(foreach b,32 64,$(eval $(call FIRMWARE_VECTORS_FOR,$(1),$(2),$(3),$(4),$(5),$(6),$(b))))
 $(call FIRMWARE_VECTORS,vectors,tests/firmware/vectors.c tests/firmware/vectors_models.c)
 $(call FIRMWARE_VECTORS,unscented,tests/firmware/vectors_unscented.c)
-$(call FIRMWARE_VECTORS,duif,tests/firmware/vectors_duif.c,$(MONOCYPHER_INCLUDE),\
-  tests/firmware/vectors_seal_host.c port/host/aead_sodium.c port/host/error.c -Iport/host -D_POSIX_C_SOURCE=200809L -lsodium,\
-  tests/firmware/vectors_seal_target.c $(MONOCYPHER_SOURCES),$(MONOCYPHER)/monocypher.h)
 
 # A network whose nodes all run in one image: headers of meshkal design, readings and losses of meshkal simulate.
 define FIRMWARE_NETWORK
@@ -142,7 +139,7 @@ $(foreach b,32 64,$(eval $(call FIRMWARE_NETWORK,$(b)))\
   $(eval $(call FIRMWARE_TEST,network-f$(b),,0,numbers agree))\
   $(eval $(call FIRMWARE_TEST,network-f$(b),altered,1,differs)))
 
-include tests/firmware/replay.mk
+include tests/firmware/replay.mk tests/firmware/duif.mk
 
 # --- run -------------------------------------------------------------------------------------------------------------------
 

@@ -39,7 +39,8 @@ DIMENSIONS(2, 4, 1, 4)
 /* The smallest target has no room for the sum. */
 #define WORK(n, m, slots) LARGER(LARGER(MK_UNSCENTED_PREDICT_WORK(n), MK_UNSCENTED_UPDATE_WORK(n, m, slots)), MK_UNSCENTED_OTHER_WORK(n, m))
 
-static const mk_motion_t turning = {5, 2, {0, 2, 0}, {1, 3, 0}, 4}, flying = {6, 3, {0, 2, 4}, {1, 3, 5}, 0}, walking = {4, 2, {0, 2, 0}, {1, 3, 0}, 0};
+static const mk_motion_t turning = {5, 2, {0, 2, 0}, {1, 3, 0}, 4}, flying = {6, 3, {0, 2, 4}, {1, 3, 5}, 0};
+static const mk_motion_t walking = {4, 2, {0, 2, 0}, {1, 3, 0}, 0};
 static const MK_F_T(mk_space) angle = {MK_F(mk_bearing_difference), NULL, &turning};
 static const MK_F_T(mk_space) place_2 = {MK_F(mk_range_bearing_difference), NULL, &turning};
 static const MK_F_T(mk_space) place_3 = {MK_F(mk_range_bearing_difference), NULL, &flying};
@@ -80,7 +81,8 @@ static MK_F_T(mk_unscented_view) view;
 static MK_F_T(mk_unscented_config) config;
 static MK_F_T(mk_sensor) sensor[SLOTS];
 static MK_F_T(mk_site) site[SLOTS];
-static MK_REAL work[LARGER(LARGER(WORK(5, 2, 3), WORK(6, 3, 2)), WORK(4, 1, 4))], A[N * N], Q[MK_PACKED(N)], x0[N], P0[MK_PACKED(N)], R[SLOTS][MK_PACKED(M)], truth[N];
+static MK_REAL work[LARGER(LARGER(WORK(5, 2, 3), WORK(6, 3, 2)), WORK(4, 1, 4))];
+static MK_REAL A[N * N], Q[MK_PACKED(N)], x0[N], P0[MK_PACKED(N)], R[SLOTS][MK_PACKED(M)], truth[N];
 
 typedef struct {
     uint8_t update, rule, increments, gate, transform;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* On the host: runs the vectors in the first pass, through the shared kernels, and writes what they told, 32-bit words in the order of this machine, the higher one
-   of a double first; then in the second one, through the unrolled kernels, which must tell the same. Usage: NAME_write-32 > FILE */
+/* On the host: runs the vectors in the first pass and writes what they told, 32-bit words in the order of this machine, the higher one of a double
+   first; then in the second one, which must tell the same. Usage: NAME_write-32 > FILE */
 #include "vectors.h"
 
 #include <stdio.h>
