@@ -83,7 +83,7 @@ def comparison(batches: list[Batch]) -> Figure:
         axes.grid(visible=False, axis="x")
         axes.set_xticks(range(len(columns)), [label for *_, label in columns])
         axes.set(ylabel=f"ln of the mean squared {what} error", title="as published  |  one gate for all")
-    figure.suptitle("One point a batch; the far ones lost a target", fontsize=11)
+    figure.suptitle("One point a batch; the far ones lost a target for good or for a time", fontsize=11)
     handles, labels = panels[0].get_legend_handles_labels()
     unique = {f"median of {_batches(batches)}, {RUNS} runs each" if label == "their median" else label: h for label, h in zip(labels, handles)}
     figure.legend(unique.values(), unique.keys(), ncols=3, loc="outside lower center", fontsize=10)
