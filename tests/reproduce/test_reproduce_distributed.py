@@ -167,7 +167,13 @@ NAMES = {
     **{f"disagreement falls as the second eigenvalue that design tells: {p}": drift(p) for p in ("paper", "perron", "metropolis", "ratio")},
     **{
         f"theorem met, agrees: {title}": still(title)
-        for title in (PATH, "path, one end measures", "triangle, none measures", "directed ring of 4, one measures", "directed tree, its root measures")
+        for title in (
+            PATH,
+            "path, one end measures",
+            "triangle, none measures",
+            "directed ring of 4, one measures",
+            "directed tree, its root measures",
+        )
     },
     **{
         f"theorem broken, never agrees: {title}": agree(title)

@@ -55,7 +55,8 @@ def test_table_numbers_are_the_errors_of_every_run(incomplete, batches, tmp_path
     rows = tables(done.stdout)
     for name, row in (("pukf", "PUKF"), ("iukf-literal", "IUKF as published")):
         log = tmp_path / f"{name}.cbor"
-        subprocess.run([MESHKAL, "simulate", scenario, "--filter", name, "--runs", "60", "--seed", "1", "--out", log], check=True, capture_output=True)
+        options = ("--filter", name, "--runs", "60", "--seed", "1", "--out", log)
+        subprocess.run([MESHKAL, "simulate", scenario, *options], check=True, capture_output=True)
         squares = np.zeros((60, 2))
         with log.open("rb") as stream:
             decoder = cbor2.CBORDecoder(stream)

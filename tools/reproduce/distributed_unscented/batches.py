@@ -75,8 +75,8 @@ VARIANTS = {
 
 @dataclass(frozen=True)
 class Batch:
-    """of: summaries by variant. estimates: of one run on the same measurements, steps x nodes x states, by what it shows. disagreement: of the consensus
-    of one run, steps x iterations, by protocol. graphs: values at the nodes over the iterations, by graph."""
+    """of: summaries by variant. estimates: of one run on the same measurements, steps x nodes x states, by what it shows.
+    disagreement: of the consensus of one run, steps x iterations, by protocol. graphs: values at the nodes over the iterations."""
 
     seed: int
     of: dict[str, dict]

@@ -30,15 +30,22 @@ def write(out: Path, batches: list[Batch]) -> None:
 
 def nodes(batches: list[Batch]) -> Figure:
     """RMSE of each node over that of the centralised filter."""
-    shown = {"all, paper, 10": "all visible\npaper's\nL = 10", "all, metropolis, 10": "all visible\nMetropolis\nL = 10", "100 m, paper, 10": "100 m\npaper's\nL = 10",
-             "100 m, metropolis, 10": "100 m\nMetropolis\nL = 10", "85 m, paper, 3": "85 m\npaper's\nL = 3", "85 m, paper, 10": "85 m\npaper's\nL = 10"}  # fmt: skip
+    shown = {
+        "all, paper, 10": "all visible\npaper's\nL = 10",
+        "all, metropolis, 10": "all visible\nMetropolis\nL = 10",
+        "100 m, paper, 10": "100 m\npaper's\nL = 10",
+        "100 m, metropolis, 10": "100 m\nMetropolis\nL = 10",
+        "85 m, paper, 3": "85 m\npaper's\nL = 3",
+        "85 m, paper, 10": "85 m\npaper's\nL = 10",
+    }
     figure, axes = plt.subplots(figsize=(9.0, 4.6))
     for i, variant in enumerate(shown):
         ratios = np.array([node_rmse(b, variant) / central_rmse(b, variant.split(",")[0]) for b in batches])
         for k in range(NODES):
             offset = i + 0.25 * (k - 1)
             spread = (np.arange(len(batches)) * 0.618034 % 1.0 - 0.5) * 0.14
-            axes.scatter(offset + spread, 100.0 * (ratios[:, k] - 1.0), s=16, color=_NODES[k], alpha=0.6, linewidths=0, label=f"node {k + 1}" if i == 0 else None)
+            style = {"s": 16, "color": _NODES[k], "alpha": 0.6, "linewidths": 0, "label": f"node {k + 1}" if i == 0 else None}
+            axes.scatter(offset + spread, 100.0 * (ratios[:, k] - 1.0), **style)
     axes.axhspan(-1.0, 1.0, color="#bbbbbb", alpha=0.35, linewidth=0, label="within 1 %")
     axes.set_yscale("symlog", linthresh=1.0)
     axes.set_yticks([-100, -10, -1, 0, 1, 10, 100], ["\N{MINUS SIGN}100", "\N{MINUS SIGN}10", "\N{MINUS SIGN}1", "0", "1", "10", "100"])
@@ -56,10 +63,18 @@ def rmse(batches: list[Batch]) -> Figure:
     def median(variant: str) -> np.ndarray:
         return np.median([b.of[variant]["position_rmse_over_time"] for b in batches], axis=0)
 
-    left = (("alone", "one range sensor alone", "#999999", "solid"), ("all, paper, 1", "paper's, L = 1", "#e69f00", "solid"), ("all, paper, 10", "paper's, L = 10", COLOUR["paper"], "solid"),
-            ("all, centralised", "centralised", "#000000", (0, (3, 2))))  # fmt: skip
-    right = (("85 m, paper, 1", "paper's, L = 1", "#e69f00", "solid"), ("85 m, paper, 3", "paper's, L = 3", "#56b4e9", "solid"), ("85 m, paper, 10", "paper's, L = 10", COLOUR["paper"], "solid"),
-             ("85 m, centralised", "centralised", "#000000", (0, (3, 2))))  # fmt: skip
+    left = (
+        ("alone", "one range sensor alone", "#999999", "solid"),
+        ("all, paper, 1", "paper's, L = 1", "#e69f00", "solid"),
+        ("all, paper, 10", "paper's, L = 10", COLOUR["paper"], "solid"),
+        ("all, centralised", "centralised", "#000000", (0, (3, 2))),
+    )
+    right = (
+        ("85 m, paper, 1", "paper's, L = 1", "#e69f00", "solid"),
+        ("85 m, paper, 3", "paper's, L = 3", "#56b4e9", "solid"),
+        ("85 m, paper, 10", "paper's, L = 10", COLOUR["paper"], "solid"),
+        ("85 m, centralised", "centralised", "#000000", (0, (3, 2))),
+    )
     for axes, curves, title in zip(panels, (left, right), ("all sensors see the target", "sensing range 85 m")):
         for variant, label, colour, dashes in curves:
             values = median(variant)
@@ -75,12 +90,14 @@ def iterations(batches: list[Batch]) -> Figure:
     for p in PROTOCOLS:
         sweep = SWEEP[p]
         beyond = [np.median([abs(node_rmse(b, f"all, {p}, {s}").max() / central_rmse(b, "all") - 1.0) for b in batches]) for s in sweep]
-        error.loglog(sweep, 100.0 * np.maximum(beyond, 1e-12), marker="o", color=COLOUR[p], label=LABEL[p], linestyle=(0, (4, 2)) if p == "ratio" else "solid")
+        dashes = (0, (4, 2)) if p == "ratio" else "solid"
+        error.loglog(sweep, 100.0 * np.maximum(beyond, 1e-12), marker="o", color=COLOUR[p], label=LABEL[p], linestyle=dashes)
         found = [interval(b.of[f"all, {p}, {s}"]["nees"] / STATES for b in batches) for s in sweep]
         means, halves = np.array(found).T
         # Beside each other, not on each other.
         shift = 1.0 + 0.04 * (PROTOCOLS.index(p) - 1.5)
-        covariance.errorbar(np.array(sweep) * shift, means, yerr=np.where(np.isfinite(halves), halves, 0.0), marker="o", markersize=5, color=COLOUR[p], capsize=3, linewidth=1.2)
+        bars = np.where(np.isfinite(halves), halves, 0.0)
+        covariance.errorbar(np.array(sweep) * shift, means, yerr=bars, marker="o", markersize=5, color=COLOUR[p], capsize=3, linewidth=1.2)
     error.axhline(1.0, color="#888888", linewidth=1.0, linestyle=(0, (2, 2)))
     error.annotate("1 %", (50, 1.0), (0, 3), textcoords="offset points", ha="right", color="#555555")
     covariance.axhline(1.0, color="#888888", linewidth=1.0, linestyle=(0, (2, 2)))
@@ -130,8 +147,10 @@ def theorem(batch: Batch) -> Figure:
         if eigenvalue > 0.1:
             # From an iteration in which the second eigenvector is what is left.
             first = 10
-            axes.semilogy(steps[first:], 2.5 * curve[first] * eigenvalue ** (steps[first:] - first), color="black", linestyle=(0, (4, 2)), linewidth=1.0)
-    axes.set(xlabel="iteration l", ylabel="largest distance between nodes, relative", title="Graphs that meet the theorem", xlim=(0, ITERATIONS), ylim=(1e-13, 3.0))
+            slope = 2.5 * curve[first] * eigenvalue ** (steps[first:] - first)
+            axes.semilogy(steps[first:], slope, color="black", linestyle=(0, (4, 2)), linewidth=1.0)
+    axes.set(xlabel="iteration l", ylabel="largest distance between nodes, relative", xlim=(0, ITERATIONS), ylim=(1e-13, 3.0))
+    axes.set_title("Graphs that meet the theorem")
     axes.legend(title="second eigenvalue, its slope dashed", fontsize=9, title_fontsize=9, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.14))
     shown = 12
     for i, graph in enumerate(broken):
@@ -144,5 +163,6 @@ def theorem(batch: Batch) -> Figure:
         panel.tick_params(labelsize=9)
         if i >= len(broken) - 2:
             panel.set_xlabel("iteration l")
-    figure.suptitle(f"The paper's protocol on random values (seed {batch.seed}). Right: values at the nodes of graphs that break the theorem", fontsize=11)
+    title = f"The paper's protocol on random values (seed {batch.seed}). Right: values at the nodes of graphs that break the theorem"
+    figure.suptitle(title, fontsize=11)
     return figure

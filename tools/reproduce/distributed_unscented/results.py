@@ -14,8 +14,8 @@ from . import published
 from .batches import FROM_STEP, LOSS, PROTOCOLS, RUNS, SWEEP, Batch
 from .properties import PROPERTIES, central_rmse, excess, node_rmse, rates
 
-_INTRO = f"""A batch: {RUNS} runs; RMSE of the position, metres, and disagreement over steps {FROM_STEP} to 80. Centralised: the same filter where every node
-hears all. The paper has no table; "independent" is another reproduction. Disagreement: largest distance between two nodes' positions.
+_INTRO = f"""A batch: {RUNS} runs; RMSE of the position, metres, and disagreement over steps {FROM_STEP} to 80. Centralised: the same filter where every
+node hears all. The paper has no table; "independent" is another reproduction. Disagreement: largest distance between two nodes' positions.
 """
 TEXT = {
     "all, paper, 10": "all visible, paper's protocol, L = 10",

@@ -13,8 +13,8 @@ __all__ = ["compute", "report"]
 
 
 def report(out: Path, seeds: range) -> int:
-    """Tables, figures and the recording of one run from the files of the batches. 1 if a batch is missing or something that must hold does not; all there is to
-    show is shown before."""
+    """Tables, figures and the recording of one run from the files of the batches. 1 if a batch is missing or something that must hold
+    does not; all there is to show is shown before."""
     batches, errors = load(out, seeds)
     status = results.write(out, batches, errors)
     if batches:

@@ -33,8 +33,13 @@ def _middle(batches: list[Batch], variant: str, name: str, key: str) -> tuple[np
 
 def log_mse(batches: list[Batch]) -> Figure:
     figure, panels = plt.subplots(1, 2, figsize=(9.0, 4.4))
-    shown = (("published", "iukf-literal", "solid", "IUKF as published"), ("published", "pukf", "solid", "PUKF"), ("published", "mpukf", "solid", "MPUKF, with its gate"),
-             ("one gate", "pukf", (0, (3, 2)), "PUKF, with the same gate"), ("published", "iukf", (0, (1, 1.5)), "IUKF, Gauss-Newton"))  # fmt: skip
+    shown = (
+        ("published", "iukf-literal", "solid", "IUKF as published"),
+        ("published", "pukf", "solid", "PUKF"),
+        ("published", "mpukf", "solid", "MPUKF, with its gate"),
+        ("one gate", "pukf", (0, (3, 2)), "PUKF, with the same gate"),
+        ("published", "iukf", (0, (1, 1.5)), "IUKF, Gauss-Newton"),
+    )
     for axes, what, paper in zip(panels, ("position", "velocity"), (published.POSITION, published.VELOCITY)):
         for variant, name, dashes, label in shown:
             low, middle, high = _middle(batches, variant, name, f"log_mse_{what}_over_time")
@@ -44,7 +49,7 @@ def log_mse(batches: list[Batch]) -> Figure:
             if dashes == "solid":
                 axes.fill_between(steps, low, high, color=colour, alpha=0.18, linewidth=0)
         for name, value in paper.items():
-            axes.plot(steps[-1] * 1.035, value, color=COLOUR[name], clip_on=False, zorder=4, **plots.PUBLISHED | {"markersize": 7, "markeredgecolor": COLOUR[name]})
+            axes.plot(steps[-1] * 1.035, value, clip_on=False, zorder=4, **plots.PUBLISHED | {"markersize": 7, "markeredgecolor": COLOUR[name]})
         axes.set(xlabel="step", ylabel=f"ln of the mean squared {what} error", xlim=(1, len(steps)))
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, ncols=3, loc="outside lower center", fontsize=10)
@@ -62,19 +67,23 @@ def comparison(batches: list[Batch]) -> Figure:
     figure, panels = plt.subplots(1, 2, figsize=(9.0, 4.6))
     columns = [("published", "iukf-literal", "IUKF\nliteral"), ("published", "pukf", "PUKF"), ("published", "mpukf", "MPUKF"),
                ("one gate", "ukf", "UKF\ngate"), ("one gate", "pukf", "PUKF\ngate"), ("one gate", "mpukf", "MPUKF\ngate")]  # fmt: skip
-    kinds = ((position, "position", published.POSITION, published.INDEPENDENT_POSITION), (velocity, "velocity", published.VELOCITY, published.INDEPENDENT_VELOCITY))
+    kinds = (
+        (position, "position", published.POSITION, published.INDEPENDENT_POSITION),
+        (velocity, "velocity", published.VELOCITY, published.INDEPENDENT_VELOCITY),
+    )
     for axes, (measure, what, paper, independent) in zip(panels, kinds):
         for i, (variant, name, _) in enumerate(columns):
             values = [measure(batch, variant, name) for batch in batches]
             plots.scattered(axes, i, values, COLOUR[name], None)
             if variant == "published":
-                axes.plot(i + 0.34, independent[name], marker="_", markersize=14, markeredgewidth=3, color="#777777", linestyle="none", label="independent")
+                style = {"marker": "_", "markersize": 14, "markeredgewidth": 3, "color": "#777777", "linestyle": "none"}
+                axes.plot(i + 0.34, independent[name], label="independent", **style)
                 axes.plot(i, paper[name], label="published", **plots.PUBLISHED)
         axes.axvline(2.5, color="#aaaaaa", linewidth=1.0)
         axes.grid(visible=False, axis="x")
         axes.set_xticks(range(len(columns)), [label for *_, label in columns])
         axes.set(ylabel=f"ln of the mean squared {what} error", title="as published  |  one gate for all")
-    figure.suptitle("One point a batch; the far ones lost a target", fontsize=11)
+    figure.suptitle("One point a batch; the far ones lost a target for good or for a time", fontsize=11)
     handles, labels = panels[0].get_legend_handles_labels()
     unique = {f"median of {_batches(batches)}, {RUNS} runs each" if label == "their median" else label: h for label, h in zip(labels, handles)}
     figure.legend(unique.values(), unique.keys(), ncols=3, loc="outside lower center", fontsize=10)
@@ -89,7 +98,8 @@ def timing(batches: list[Batch]) -> Figure:
     axes.set_xticks(range(len(published.FILTERS)), [LABEL[name] for name in published.FILTERS])
     axes.grid(visible=False, axis="x")
     microseconds = np.median([batch.ns["pukf"] for batch in batches]) / 1000.0
-    axes.set(ylabel="time of a step, PUKF = 1", ylim=(0.5, None), xlim=(-0.5, 2.5), title=f"30 increments each; PUKF {microseconds:.0f} \N{MICRO SIGN}s a step here")
+    axes.set(ylabel="time of a step, PUKF = 1", ylim=(0.5, None), xlim=(-0.5, 2.5))
+    axes.set_title(f"30 increments each; PUKF {microseconds:.0f} \N{MICRO SIGN}s a step here")
     handles, labels = axes.get_legend_handles_labels()
     unique = {f"median of {_batches(batches)}" if label == "their median" else label: h for label, h in zip(labels, handles)}
     axes.legend(unique.values(), unique.keys(), loc="lower left")

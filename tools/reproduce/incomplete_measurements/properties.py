@@ -59,10 +59,12 @@ PROPERTIES = [
     _same(MUST, "one gate, no rule: MPUKF is PUKF", ("no rule", "mpukf"), ("one gate", "pukf"), 1e-12),
     Property(MUST, "the literal rule ends fewer than 1 % of the updates", "share", lambda b: fired(b, "published"), "<", 0.01),
     Property(OPEN, "the Mahalanobis form ends more than 1 %", "share", lambda b: fired(b, "mahalanobis"), ">", 0.01),
-    Property(OPEN, "the Mahalanobis form fires more often than the literal", "share", lambda b: fired(b, "mahalanobis") - fired(b, "published"), ">", 0.0),
+    Property(OPEN, "the Mahalanobis form fires more often than the literal", "share",
+             lambda b: fired(b, "mahalanobis") - fired(b, "published"), ">", 0.0),
     Property(MUST, "no update failed, in any filter and variant", "failures", _failures, "<", 1.0),
     _below(OPEN, position, "position", "mpukf", "ukf", "one gate", ", one gate for both"),
     _below(OPEN, position, "position", "iukf", "iukf-literal"),
-    Property(OPEN, "tight gate, no faults: re-initialising loses fewer targets", "fewer", lambda b: _lost(b, "skip") - _lost(b, "re-initialise"), ">", 0.0),
+    Property(OPEN, "tight gate, no faults: re-initialising loses fewer targets", "fewer",
+             lambda b: _lost(b, "skip") - _lost(b, "re-initialise"), ">", 0.0),
     Property(OPEN, "tight gate, no faults: inflation loses none", "lost", lambda b: _lost(b, "inflate"), "<", 1.0),
-]
+]  # fmt: skip

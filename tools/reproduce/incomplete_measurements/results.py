@@ -14,8 +14,8 @@ from . import published
 from .batches import FILTERS, LOST_M, POLICIES, RUNS, TIGHT, Batch
 from .properties import LABEL, PROPERTIES, fired, position, velocity
 
-_INTRO = f"""A batch: {RUNS} runs of 60 steps. Errors: mean over time of ln of the mean over the runs of the squared error, position in m, velocity in m/s. As
-published: a gate in MPUKF only, the literal IUKF. A run is lost if it ends with a position error above {LOST_M:g} m.
+_INTRO = f"""A batch: {RUNS} runs of 60 steps. Errors: mean over time of ln of the mean over the runs of the squared error, position in m, velocity
+in m/s. As published: a gate in MPUKF only, the literal IUKF. A run is lost if it ends with a position error above {LOST_M:g} m.
 """
 
 
@@ -55,7 +55,13 @@ def comparison(batches: list[Batch]) -> list[Row]:
             rows.append(Row(f"one gate for all, {what}, ln: {LABEL[f]}", over(lambda b: measure(b, "one gate", f)), 3))
     for f in ("pukf", "mpukf"):
         rows.append(Row(f"no gate, position, ln: {LABEL[f]}", over(lambda b: position(b, "no gate", f)), 3))
-    for what, variant in (("literal", "published"), ("literal, no gate", "no gate"), ("Mahalanobis", "mahalanobis"), ("Mahalanobis, no gate", "mahalanobis, no gate")):
+    forms = {
+        "literal": "published",
+        "literal, no gate": "no gate",
+        "Mahalanobis": "mahalanobis",
+        "Mahalanobis, no gate": "mahalanobis, no gate",
+    }
+    for what, variant in forms.items():
         rows.append(Row(f"updates ended by rule (20), %: {what}", over(lambda b: 100.0 * fired(b, variant)), 2))
     for what, variant in (("no rule", "no rule"), ("Mahalanobis", "mahalanobis")):
         rows.append(Row(f"position, ln: MPUKF, {what}", over(lambda b: position(b, variant, "mpukf")), 3))
@@ -86,7 +92,13 @@ def _covariances(batches: list[Batch]) -> str:
     """NEES a state: 1 where the covariance is that of the error."""
     header = ["NEES / 4, second half", "filter", "mean", "+- 95 %", "steps in their band", "verdict"]
     body = []
-    for variant, text in (("own model", "own model: no faults, no gate"), ("own model, gate", "no faults, one gate"), ("published", "as published"), ("one gate", "faults, one gate")):
+    shown = {
+        "own model": "own model: no faults, no gate",
+        "own model, gate": "no faults, one gate",
+        "published": "as published",
+        "one gate": "faults, one gate",
+    }
+    for variant, text in shown.items():
         for f in FILTERS:
             body.append([text, LABEL[f], *nees_verdict([batch.of[variant][f] for batch in batches])])
     return tables.table(header, body)
