@@ -75,6 +75,12 @@ $(BUILD)/own_models.so: $(wildcard tools/meshkal/examples/*) port/host/meshkal/p
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) -shared -fPIC $(HOST_INCLUDE) tools/meshkal/examples/own_models.c -o $@
 
+# The library's consensus by itself, for tools/reproduce.
+all: $(BUILD)/consensus-run
+$(BUILD)/consensus-run: $(BUILD)/tools/reproduce/distributed_unscented/consensus_run.o $(LIBRARY)
+	@echo "  LD $@"
+	@$(CC) $(CFLAGS) $^ -lm -o $@
+
 # The same program for many processes. The wrapper of Open MPI knows where its headers and libraries are.
 MPI_PROGRAM = $(BUILD)/meshkal-mpi
 MPI_OBJECTS = $(patsubst %.c,$(BUILD)/%.o,$(wildcard tools/meshkal-mpi/*.c))
@@ -107,7 +113,7 @@ run: all ## design, simulate and record the published example, and the study on 
 
 DRAWS = 30
 
-reproduce: all ## the published experiment over 30 random draws (DRAWS=N): table, figures and recording in build/reproduce/
+reproduce: all ## three published experiments over 30 random draws (DRAWS=N): tables, figures and recordings in build/reproduce/
 	@$(PYTHON) tools/reproduce --meshkal $(PROGRAM) --out $(BUILD)/reproduce --draws $(DRAWS)
 
 # --- test and bench --------------------------------------------------------------------------------------------------------

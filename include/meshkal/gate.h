@@ -29,7 +29,8 @@ enum { MK_GATE_SKIP = 0, MK_GATE_INFLATE = 1 };
         uint8_t policy;               /* MK_GATE_ */                                                                          \
     } mk_gate_##real##_t;                                                                                                     \
                                                                                                                               \
-    /* Of one sensor, or of all together. */                                                                                  \
+    /* Of one sensor, or of all together. A sensor's d2 and ratio are its own; its counts say what was done with its readings, also where that was
+       decided for all together. */                                                                                  \
     typedef struct {                                                                                                          \
         mk_##real##_t d2;        /* of the last reading; the largest number where it cannot be had */                         \
         mk_##real##_t ratio;     /* test ratio of the last reading, 0 if it was not judged */                                 \
@@ -41,7 +42,7 @@ enum { MK_GATE_SKIP = 0, MK_GATE_INFLATE = 1 };
        0 and 1, null): nothing is written. */                                                                                 \
     mk_status_t mk_gate_thresholds_##real(double tail, int count, mk_##real##_t *threshold);                                  \
     /* Decides and counts. Returns the factor f on the innovation variance: 1 accepted, 0 rejected, above 1 inflated. A threshold of 0 judges   \
-       nothing: accepted. d2 that is NaN is rejected, or inflated by the largest number. */                                   \
+       nothing: accepted. d2 that is NaN counts as the largest number. */                                   \
     mk_##real##_t mk_gate_judge_##real(int policy, mk_##real##_t threshold, mk_##real##_t d2, mk_gate_record_##real##_t *record);
 
 MK_DECLARE_GATE(f32)

@@ -18,6 +18,9 @@
  * one of a linear model with rows D L^-1 and noise R + Omega. It is done row by row on the triangular factor L (Carlson 1973), and a
  * prediction triangularises [D, root of Omega, root of Q]: P is never formed, and stays positive definite in either precision.
  *
+ * Where g is a function that is not linear, the prediction adds (epsilon x_i)^2 to the variance of state i, the rounding of its sigma points; a state
+ * is known no better than its number. Keep states near zero in float32: a local origin, seconds since start.
+ *
  * Updates, N = increments (spec 2.3):
  *     MK_UPDATE_UNSCENTED         UKF: one update
  *     MK_UPDATE_EXTENDED          EKF: the same with D = J L, Omega = 0, from the models' Jacobians; they then serve predict, too

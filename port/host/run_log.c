@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "scenario_tracking.h"
+
 /* Items go out whole, so that what a reader finds is cut between items unless the system itself stops in a write. */
 static void put(mk_run_log_t *log, const void *bytes, size_t length) {
     if (!log->failed && fwrite(bytes, 1, length, log->stream) != length) log->failed = errno ? errno : EIO;
@@ -75,11 +77,16 @@ void mk_log_header(mk_run_log_t *log, const mk_scenario_t *s, const mk_run_facts
 }
 
 void mk_log_header_tracking(mk_run_log_t *log, const mk_scenario_t *s, const mk_run_facts_t *facts, double start_s, int iterations) {
-    put_header(log, s, facts, 3);
+    const mk_tracking_t *const tracking = s->tracking;
+    put_header(log, s, facts, 6);
     mk_cbor_pair(&log->out, "kind", "tracking");
     mk_cbor_key(&log->out, "start_s");
     mk_cbor_double(&log->out, start_s);
     mk_cbor_count(&log->out, "iterations", (uint64_t)iterations);
+    mk_cbor_pair(&log->out, "protocol", mk_protocol_name(tracking->protocol));
+    mk_cbor_count(&log->out, "increments", (uint64_t)tracking->increments);
+    mk_cbor_key(&log->out, "gate");
+    mk_cbor_double(&log->out, mk_tracking_gates(tracking, facts->filter) ? tracking->gate.significance : 0.0);
     send_item(log);
 }
 

@@ -103,24 +103,30 @@ $(eval $(call FIRMWARE_TEST,startup,overflow,99,stack overflow))
 $(eval $(call FIRMWARE_TEST,startup,below-ram,99,fault: ))
 
 # The library's test vectors: the host's program writes what it found, the image reads that and finds the same.
-# Both builds of the host must agree, one of them with the sanitizers.
-FIRMWARE_VECTORS_SOURCES := tests/firmware/vectors_write.c tests/firmware/vectors.c tests/firmware/vectors_models.c src/meshkal/meshkal.c
-define FIRMWARE_VECTORS
-$(FIRMWARE)/vectors_write-$(1) $(FIRMWARE)/vectors_write-$(1)-sanitize: $(FIRMWARE_VECTORS_SOURCES) tests/firmware/vectors.h \
-		$(wildcard include/meshkal/*.h src/meshkal/*.h src/meshkal/*/*.h) Makefile | $(SETUP)
+# Both builds of the host must agree, one of them with the sanitizers. $(1): NAME, of images NAME-f32 and NAME-f64, $(2): sources, $(3): flags, $(4): more
+# sources, flags and libraries of the host's, $(5): more sources of the image, $(6): prerequisites, $(7): bits.
+FIRMWARE_VECTORS_SOURCES := tests/firmware/vectors_draw.c
+define FIRMWARE_VECTORS_FOR
+$(FIRMWARE)/$(1)_write-$(7) $(FIRMWARE)/$(1)_write-$(7)-sanitize: $(2) $(filter %.c,$(4)) $(FIRMWARE_VECTORS_SOURCES) tests/firmware/vectors_write.c \
+		src/meshkal/meshkal.c tests/firmware/vectors.h $(wildcard include/meshkal/*.h src/meshkal/*.h src/meshkal/*/*.h) Makefile $(6) | $(SETUP)
 	@mkdir -p $$(@D)
-	@$$(CC) $$(CFLAGS) $$(if $$(filter %-sanitize,$$@),$$(SANITIZE)) $(INCLUDE) -DVECTOR_BITS=$(1) $(FIRMWARE_VECTORS_SOURCES) -lm -o $$@
-$(FIRMWARE)/vectors-f$(1).bin: $(FIRMWARE)/vectors_write-$(1) $(FIRMWARE)/vectors_write-$(1)-sanitize
+	@$$(CC) $$(CFLAGS) $$(if $$(filter %-sanitize,$$@),$$(SANITIZE)) $(INCLUDE) -DVECTOR_BITS=$(7) $$(filter %.c,$$^) $(filter-out %.c,$(3) $(4)) -lm -o $$@
+$(FIRMWARE)/$(1)-f$(7).bin: $(FIRMWARE)/$(1)_write-$(7) $(FIRMWARE)/$(1)_write-$(7)-sanitize
 	@$$< > $$@.made && $$<-sanitize | cmp - $$@.made && mv $$@.made $$@
 # The last number of all, one bit of it changed: that the image must see.
-$(FIRMWARE)/vectors-f$(1)-altered.bin: $(FIRMWARE)/vectors-f$(1).bin
+$(FIRMWARE)/$(1)-f$(7)-altered.bin: $(FIRMWARE)/$(1)-f$(7).bin
 	@$(PYTHON) -c 'import sys; b = bytearray(sys.stdin.buffer.read()); b[-4] ^= 1; sys.stdout.buffer.write(b)' < $$< > $$@
-FIRMWARE_DATA += $(FIRMWARE)/vectors-f$(1).bin $(FIRMWARE)/vectors-f$(1)-altered.bin
+FIRMWARE_DATA += $(FIRMWARE)/$(1)-f$(7).bin $(FIRMWARE)/$(1)-f$(7)-altered.bin
+$(eval $(call FIRMWARE_IMAGE,$(1)-f$(7),$(2) $(5) $(FIRMWARE_VECTORS_SOURCES) tests/firmware/vectors_compare.c,$(3) -DVECTOR_BITS=$(7),$(6)))
+$(eval $(call FIRMWARE_TEST,$(1)-f$(7),$(FIRMWARE)/$(1)-f$(7).bin,0,words agree))
+$(eval $(call FIRMWARE_TEST,$(1)-f$(7),$(FIRMWARE)/$(1)-f$(7)-altered.bin,1,differs))
 endef
-$(foreach b,32 64,$(eval $(call FIRMWARE_VECTORS,$(b)))\
-  $(eval $(call FIRMWARE_IMAGE,vectors-f$(b),tests/firmware/vectors.c tests/firmware/vectors_models.c tests/firmware/vectors_compare.c,-DVECTOR_BITS=$(b)))\
-  $(eval $(call FIRMWARE_TEST,vectors-f$(b),$(FIRMWARE)/vectors-f$(b).bin,0,words agree))\
-  $(eval $(call FIRMWARE_TEST,vectors-f$(b),$(FIRMWARE)/vectors-f$(b)-altered.bin,1,differs)))
+FIRMWARE_VECTORS = $(foreach b,32 64,$(eval $(call FIRMWARE_VECTORS_FOR,$(1),$(2),$(3),$(4),$(5),$(6),$(b))))
+$(call FIRMWARE_VECTORS,vectors,tests/firmware/vectors.c tests/firmware/vectors_models.c)
+$(call FIRMWARE_VECTORS,unscented,tests/firmware/vectors_unscented.c)
+$(call FIRMWARE_VECTORS,duif,tests/firmware/vectors_duif.c,$(MONOCYPHER_INCLUDE),\
+  tests/firmware/vectors_seal_host.c port/host/aead_sodium.c port/host/error.c -Iport/host -D_POSIX_C_SOURCE=200809L -lsodium,\
+  tests/firmware/vectors_seal_target.c $(MONOCYPHER_SOURCES),$(MONOCYPHER)/monocypher.h)
 
 # A network whose nodes all run in one image: headers of meshkal design, readings and losses of meshkal simulate.
 define FIRMWARE_NETWORK

@@ -21,57 +21,6 @@ enum { SCALE = 200, OVERFLOW = 700 };
 static const MK_REAL not_a_number = (MK_REAL)NAN;
 static const MK_REAL infinite = (MK_REAL)INFINITY;
 
-/* --- drawing -------------------------------------------------------------------------------------------------------------- */
-
-static uint64_t state;
-
-/* splitmix64, upper half */
-static uint32_t draw_bits(void) {
-    uint64_t z = state += UINT64_C(0x9e3779b97f4a7c15);
-    z = (z ^ (z >> 30)) * UINT64_C(0xbf58476d1ce4e5b9);
-    z = (z ^ (z >> 27)) * UINT64_C(0x94d049bb133111eb);
-    return (uint32_t)((z ^ (z >> 31)) >> 32);
-}
-
-static int draw_below(int count) { return (int)((draw_bits() >> 8) % (uint32_t)count); }
-
-/* In [-1, 1), all digits of the precision. */
-static MK_REAL draw(void) {
-    MK_REAL value = (MK_REAL)(draw_bits() >> 8) * MK_R(0x1p-23) - MK_R(1.0);
-#if MK_BITS == 64
-    value += (MK_REAL)(draw_bits() >> 8) * 0x1p-47;
-#endif
-    return value;
-}
-
-static void draw_many(int count, MK_REAL size, MK_REAL *values) {
-    for (int i = 0; i < count; i++) values[i] = size * draw();
-}
-
-static MK_REAL power(int exponent) {
-    MK_REAL value = MK_R(1.0);
-    for (int i = 0; i < exponent; i++) value *= MK_R(2.0);
-    for (int i = 0; i > exponent; i--) value *= MK_R(0.5);
-    return value;
-}
-
-/* P := size L L' with rows of L smaller by up to 2^-spread. */
-static void draw_covariance(int n, int spread, MK_REAL size, MK_REAL *P) {
-    MK_REAL L[MK_PACKED(N)];
-    for (int i = 0; i < n; i++) {
-        const MK_REAL row = power(-draw_below(spread + 1));
-        for (int j = 0; j < i; j++) L[MK_AT(i, j)] = MK_R(0.5) * draw() * row;
-        L[MK_AT(i, i)] = (MK_R(1.5) + MK_R(0.5) * draw()) * row;
-    }
-    for (int i = 0; i < n; i++) {
-        for (int j = 0; j <= i; j++) {
-            MK_REAL sum = MK_R(0.0);
-            for (int k = 0; k <= j; k++) sum += L[MK_AT(i, k)] * L[MK_AT(j, k)];
-            P[MK_AT(i, j)] = size * sum;
-        }
-    }
-}
-
 /* --- dimensions ----------------------------------------------------------------------------------------------------------- */
 
 #define TYPED(real, number, n, m, slots)                                                                                      \
@@ -105,6 +54,7 @@ static const dimensions_t dimensions[] = {
     {6, 2, 4, view3, incremental3, diffuse3}, {9, 3, 2, view4, incremental4, diffuse4},
 };
 
+const char *const vectors_passes[2] = {"shared kernels", "unrolled kernels"};
 static vectors_kernels_t kernels;
 static const dimensions_t *now;
 static MK_F_T(mk_rkfd_view) view;
@@ -377,7 +327,7 @@ static void quantile_vectors(void) {
 
 void vectors_run(vectors_kernels_t chosen) {
     kernels = chosen;
-    state = 20250117;
+    draw_seed(20250117);
     for (now = dimensions; now < dimensions + sizeof dimensions / sizeof dimensions[0]; now++) {
         /* Whatever was run before on this object. */
         view = now->view(work);
@@ -389,7 +339,7 @@ void vectors_run(vectors_kernels_t chosen) {
         sensor_vectors();
         filter_vectors();
     }
-    vectors_models(draw);
+    vectors_models();
 #if MK_BITS == 64
     quantile_vectors();
 #endif

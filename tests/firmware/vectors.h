@@ -16,11 +16,26 @@
 
 typedef enum { VECTORS_SHARED, VECTORS_UNROLLED } vectors_kernels_t;
 
-/* All vectors, through the kernels of the library or those unrolled for the vectors' dimensions: both must tell the same. */
+/* All vectors of an image, through the kernels of the library or those unrolled for the vectors' dimensions (or what else its two passes differ
+   in): both must tell the same. Given by vectors.c, vectors_unscented.c or vectors_duif.c. */
 void vectors_run(vectors_kernels_t kernels);
+/* What the passes are called. */
+extern const char *const vectors_passes[2];
 
-/* Its part for meshkal/angle.h and meshkal/tracking.h. draw: the next number in [-1, 1). */
-void vectors_models(MK_REAL (*draw)(void));
+/* Part of vectors.c for meshkal/angle.h and meshkal/tracking.h. */
+void vectors_models(void);
+
+/* Drawn with splitmix64 and exact operations: vectors_draw.c. */
+enum { VECTOR_STATES = 9 };
+void draw_seed(uint64_t seed);
+int draw_below(int count);
+/* In [-1, 1), all digits of the precision. */
+MK_REAL draw(void);
+void draw_many(int count, MK_REAL size, MK_REAL *values);
+/* 2^exponent */
+MK_REAL power(int exponent);
+/* P := size L L' with rows of L smaller by up to 2^-spread; n up to VECTOR_STATES. */
+void draw_covariance(int n, int spread, MK_REAL size, MK_REAL *P);
 
 /* Given by the program. What follows belongs to this vector: what it does, the dimensions, its number among those of that name. */
 void vector_begin(const char *name, int n, int m, int slots, int number);

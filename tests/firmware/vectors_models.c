@@ -9,7 +9,7 @@ enum { STATES = 8, POINTS = 3, ANGLES = 64 };
 
 static const mk_motion_t motions[] = {{5, 2, {0, 2, 0}, {1, 3, 0}, 4}, {8, 3, {7, 2, 5}, {0, 6, 3}, 4}};
 
-static void angle_vectors(MK_REAL (*draw)(void)) {
+static void angle_vectors(void) {
     vector_begin("angles", 0, 0, 0, 0);
     for (int i = 0; i < ANGLES; i++) {
         /* To 1e-4, 1, 1e4 and beyond where reduction is exact. */
@@ -23,7 +23,7 @@ static void angle_vectors(MK_REAL (*draw)(void)) {
     }
 }
 
-static void motion_vectors(const mk_motion_t *motion, int number, MK_REAL (*draw)(void)) {
+static void motion_vectors(const mk_motion_t *motion, int number) {
     static const MK_REAL rates[] = {MK_R(0.0), MK_R(1e-6), MK_R(0.5), MK_R(3.0)};
     MK_REAL x[STATES * POINTS], y[STATES * POINTS], J[STATES * STATES], q[3];
     const int n = motion->n;
@@ -45,7 +45,7 @@ static void motion_vectors(const mk_motion_t *motion, int number, MK_REAL (*draw
 }
 
 /* The last number of each motion has its first target at the sensor. */
-static void sensor_vectors(const mk_motion_t *motion, int number, MK_REAL (*draw)(void)) {
+static void sensor_vectors(const mk_motion_t *motion, int number) {
     static const MK_F_T(mk_function) functions[] = {MK_F(mk_range), MK_F(mk_bearing), MK_F(mk_range_bearing), MK_F(mk_range_rate),
                                                     MK_F(mk_tdoa)};
     static const MK_F_T(mk_jacobian) jacobians[] = {MK_F(mk_range_jacobian), MK_F(mk_bearing_jacobian), MK_F(mk_range_bearing_jacobian),
@@ -72,10 +72,10 @@ static void sensor_vectors(const mk_motion_t *motion, int number, MK_REAL (*draw
     }
 }
 
-void vectors_models(MK_REAL (*draw)(void)) {
-    angle_vectors(draw);
+void vectors_models(void) {
+    angle_vectors();
     for (int number = 0; number < 16; number++) {
-        motion_vectors(&motions[number / 8], number % 8, draw);
-        sensor_vectors(&motions[number / 8], number % 8, draw);
+        motion_vectors(&motions[number / 8], number % 8);
+        sensor_vectors(&motions[number / 8], number % 8);
     }
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* On the host: runs the vectors through the shared kernels and writes what they told, 32-bit words in the order of this machine, the higher one
-   of a double first; then runs them through the unrolled kernels, which must tell the same. Usage: vectors_write-32 > FILE */
+/* On the host: runs the vectors in the first pass, through the shared kernels, and writes what they told, 32-bit words in the order of this machine, the higher one
+   of a double first; then in the second one, through the unrolled kernels, which must tell the same. Usage: NAME_write-32 > FILE */
 #include "vectors.h"
 
 #include <stdio.h>
@@ -20,7 +20,8 @@ void vector_word(const char *what, uint32_t value) {
     if (writing && count < sizeof kept / sizeof kept[0]) {
         kept[count++] = value;
     } else if (writing || at == count || kept[at++] != value) {
-        (void)fprintf(stderr, "vectors_write: %s, %s: %s\n", vector, what, writing ? "more words than there is room" : "unrolled kernels differ");
+        (void)fprintf(stderr, "vectors_write: %s, %s: %s%s\n", vector, what, writing ? "more words than there is room for" : vectors_passes[1],
+                      writing ? "" : " differ");
         exit(1);
     }
 }

@@ -4,7 +4,7 @@
 import os
 
 import pytest
-from tool import MESHKAL, SEEDS, command
+from tool import BATCHES, MESHKAL, SEEDS, command
 
 
 @pytest.fixture(scope="session")
@@ -18,5 +18,21 @@ def needs_program():
 def reproduced(needs_program, tmp_path_factory):
     """(folder, finished process). Started in another directory, with a folder named relative to it."""
     elsewhere = tmp_path_factory.mktemp("elsewhere")
-    done = command("--meshkal", MESHKAL, "--out", "of three/draws", "--draws", len(SEEDS), "--first-seed", SEEDS[0], cwd=elsewhere)
+    done = command("local-tolerance", "--meshkal", MESHKAL, "--out", "of three/draws", "--draws", len(SEEDS), "--first-seed", SEEDS[0], cwd=elsewhere)
     return elsewhere / "of three" / "draws", done
+
+
+@pytest.fixture(scope="session")
+def incomplete(needs_program, tmp_path_factory):
+    """Tracking with incomplete measurements, two batches; the second loses a target."""
+    return _batches("incomplete-measurements", tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def distributed(needs_program, tmp_path_factory):
+    return _batches("distributed-unscented", tmp_path_factory)
+
+
+def _batches(paper, tmp_path_factory):
+    out = tmp_path_factory.mktemp(paper)
+    return out, command(paper, "--meshkal", MESHKAL, "--out", out, "--draws", len(BATCHES), "--first-seed", BATCHES[0], cwd=out)

@@ -18,14 +18,15 @@ class Recording:
         self.reader = RrdReader(path)
 
     def rows(self, entity: str, component: str, *, static: bool = False) -> tuple[np.ndarray, np.ndarray, list]:
-        """Steps, sim_time in nanoseconds, and one list of values a row, in order of time."""
+        """Steps, sim_time (time_s of a tracking log) in nanoseconds, and one list of values a row, in order of time."""
         steps, times, values = [], [], []
         for chunk in self.reader.stream().filter(content=f"/{entity}", is_static=static, components=component):
             batch = chunk.to_record_batch()
             values += batch.column(component).to_pylist()
             if not static:
                 steps += batch.column("step").to_pylist()
-                times += batch.column("sim_time").cast("int64").to_pylist()
+                seconds = "sim_time" if "sim_time" in batch.schema.names else "time_s"
+                times += batch.column(seconds).cast("int64").to_pylist()
         order = np.argsort(steps, kind="stable") if steps else range(len(values))
         return np.array(steps, dtype=np.int64)[order] if steps else np.array([]), np.array(times)[order] if times else np.array([]), [
             values[i] for i in order

@@ -36,6 +36,8 @@ def near_slots(positions: np.ndarray, distance: float) -> list[list[int]]:
 class Log:
     """The arrays of one log, all runs: `arrays[key]` has shape (runs, steps, length). Change what you like, then `items` or `data`."""
 
+    first_step = 0
+
     def __init__(self, nodes=4, steps=12, *, filter="rkfdu", real="float64", runs=1, states=4, rows=1, dt_s=0.1, truth=True, seed=7,
                  position_states=(0, 1), positions="2d", name="synthetic"):
         rng = np.random.default_rng(seed)
@@ -122,7 +124,7 @@ class Log:
         out = [cbor2.dumps(header)]
         for run in range(self.header["runs"]):
             for step in range(self.header["steps"]):
-                item = {"run": run, "step": step}
+                item = {"run": run, "step": self.first_step + step}
                 item |= {key: typed(values[run, step], self.dtype(key)) for key, values in self.arrays.items()}
                 out.append(cbor2.dumps(item))
         out.append(cbor2.dumps({"end": self.end, "items": len(out) - 1}))

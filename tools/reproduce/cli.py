@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The command: one published experiment, computed over random draws, with its table, its figures and its recording."""
+"""The command: published experiments, computed over random draws, each with its table, its figures and its recording."""
 
 import argparse
 import os
@@ -7,27 +7,32 @@ import sys
 import time
 from pathlib import Path
 
+import distributed_unscented
+import incomplete_measurements
 import local_tolerance
 from program import Program, ReproduceError
 
 ROOT = Path(__file__).resolve().parents[2]
 # Each has compute(program, out, seeds, jobs), and report(out, seeds) -> exit status.
-PAPERS = {"local-tolerance": local_tolerance}
+PAPERS = {"local-tolerance": local_tolerance, "incomplete-measurements": incomplete_measurements, "distributed-unscented": distributed_unscented}
+ALL = "all"
 EXIT_BAD = 2
 
 
 def main(arguments: list[str] | None = None) -> int:
     options = _options(arguments)
-    paper = PAPERS[options.paper]
+    chosen = {name: options.out / name for name in PAPERS} if options.paper == ALL else {options.paper: options.out}
     seeds = range(options.first_seed, options.first_seed + options.draws)
     started = time.monotonic()
+    status = 0
     try:
-        if not options.report_only:
-            program = Program(options.meshkal)
-            options.out.mkdir(parents=True, exist_ok=True)
-            print(f"{len(seeds)} random draws, seeds {seeds[0]} to {seeds[-1]}, {options.jobs} at a time", flush=True)
-            paper.compute(program, options.out, seeds, options.jobs)
-        status = paper.report(options.out, seeds)
+        program = None if options.report_only else Program(options.meshkal)
+        for name, out in chosen.items():
+            if program:
+                out.mkdir(parents=True, exist_ok=True)
+                print(f"{name}: {len(seeds)} random draws, seeds {seeds[0]} to {seeds[-1]}, {options.jobs} at a time", flush=True)
+                PAPERS[name].compute(program, out, seeds, options.jobs)
+            status = max(status, PAPERS[name].report(out, seeds))
     except (ReproduceError, OSError) as error:
         print(f"reproduce: {error}", file=sys.stderr)
         return EXIT_BAD
@@ -36,8 +41,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _options(arguments: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="reproduce", description="Repeats a published experiment over random draws.")
-    parser.add_argument("paper", nargs="?", choices=PAPERS, default="local-tolerance", help="which one (default: %(default)s)")
+    parser = argparse.ArgumentParser(prog="reproduce", description="Repeats published experiments over random draws.")
+    parser.add_argument("paper", nargs="?", choices=[*PAPERS, ALL], default=ALL, help="which one (default: all, each in a folder of DIR)")
     parser.add_argument("--meshkal", type=Path, default=ROOT / "build" / "meshkal", metavar="PROGRAM", help="default: build/meshkal of this checkout")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "reproduce", metavar="DIR", help="default: build/reproduce of this checkout")
     parser.add_argument("--draws", type=_count, default=30, metavar="N", help="default: %(default)s")

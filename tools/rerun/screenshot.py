@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Renders a recording to PNG without a display or a graphics card:  python screenshot.py run.rrd run.png [--time SECONDS]
+"""Renders a recording to PNG without a display or a graphics card:  python screenshot.py run.rrd run.png [--time SECONDS] [--timeline time_s]
 
 Needs a Vulkan driver; Debian's mesa-vulkan-drivers has one that runs on the processor.
 """
@@ -24,7 +24,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Renders a rerun recording to a PNG file.")
     parser.add_argument("recording", type=Path)
     parser.add_argument("png", type=Path)
-    parser.add_argument("--time", type=float, metavar="SECONDS", help="where on sim_time (default: the end)")
+    parser.add_argument("--time", type=float, metavar="SECONDS", help="where on the timeline (default: the end)")
+    parser.add_argument("--timeline", default="sim_time", help="sim_time, or time_s of a tracking log")
     parser.add_argument("--size", default="1600x1000", metavar="WxH")
     options = parser.parse_args()
     port = _free_port()
@@ -47,7 +48,7 @@ def _render(client: ViewerClient, options: argparse.Namespace) -> None:
     client.open([str(options.recording.resolve())])
     _wait_loaded(client)
     if options.time is not None:
-        client.set_time("sim_time", duration=options.time, play_state="paused")
+        client.set_time(options.timeline, duration=options.time, play_state="paused")
         _wait_loaded(client)
     time.sleep(PAINT_S)
     client.save_screenshot(str(options.png.resolve()))

@@ -1,25 +1,27 @@
 /* SPDX-License-Identifier: MIT */
 /* meshkal/gate.h. */
 
-MK_REAL MK_F(mk_gate_judge)(int policy, MK_REAL threshold, MK_REAL d2, MK_F_T(mk_gate_record) * record) {
+/* Puts d2 and the test ratio on record. */
+static MK_REAL MK_F(mk_gate_rate)(MK_REAL threshold, MK_REAL d2, MK_F_T(mk_gate_record) * record) {
     record->d2 = d2 <= MK_LARGEST ? d2 : MK_LARGEST;
-    record->ratio = MK_R(0.0);
-    if (threshold > MK_R(0.0)) {
-        const MK_REAL ratio = record->d2 / threshold;
-        record->ratio = ratio <= MK_LARGEST ? ratio : MK_LARGEST;
-    }
-    if (record->ratio <= MK_R(1.0)) {
-        record->accepted++;
-        record->since_accepted = 0;
-        return MK_R(1.0);
-    }
-    record->since_accepted++;
-    if (policy == MK_GATE_INFLATE) {
-        record->inflated++;
-        return record->ratio;
-    }
-    record->rejected++;
-    return MK_R(0.0);
+    const MK_REAL ratio = threshold > MK_R(0.0) ? record->d2 / threshold : MK_R(0.0);
+    record->ratio = ratio <= MK_LARGEST ? ratio : MK_LARGEST;
+    return record->ratio;
+}
+
+/* Counts a reading that is used with this factor on its variance, or not at all. */
+static void MK_F(mk_gate_count)(MK_REAL factor, MK_F_T(mk_gate_record) * record) {
+    record->accepted += factor == MK_R(1.0);
+    record->inflated += factor > MK_R(1.0);
+    record->rejected += !(factor > MK_R(0.0));
+    record->since_accepted = factor == MK_R(1.0) ? 0 : record->since_accepted + 1;
+}
+
+MK_REAL MK_F(mk_gate_judge)(int policy, MK_REAL threshold, MK_REAL d2, MK_F_T(mk_gate_record) * record) {
+    const MK_REAL ratio = MK_F(mk_gate_rate)(threshold, d2, record);
+    const MK_REAL factor = ratio <= MK_R(1.0) ? MK_R(1.0) : policy == MK_GATE_INFLATE ? ratio : MK_R(0.0);
+    MK_F(mk_gate_count)(factor, record);
+    return factor;
 }
 
 mk_status_t MK_F(mk_gate_thresholds)(double tail, int count, MK_REAL *threshold) {

@@ -149,6 +149,12 @@ MK_KERNEL void MK_F(mk_apply)(int n, const MK_REAL *A, const MK_REAL *x, const M
     }
 }
 
+/* S := Q and, where sigma points were rounded, what rounding has added to them: without it P collapses where a state is known to the last digits. */
+MK_KERNEL void MK_F(mk_put_noise)(int n, const MK_REAL *Q, const MK_REAL *x, MK_REAL *S) {
+    MK_F(mk_packed_copy)(n, Q, S);
+    for (int i = 0; x && i < n; i++) S[MK_AT(i, i)] += MK_EPSILON * x[i] * (MK_EPSILON * x[i]);
+}
+
 /* The columns G = [extra, D, V, root of Q], without extra where there is none to add, or [D, root of Q] where the model is linear or taken as such, give L'
    by L' L'' = G G'. The model's results at its 2 n + 1 points become [extra, D, V] in place. rest: 4 n numbers. */
 MK_KERNEL mk_status_t MK_F(mk_inline_unscented_predict)(int n, const MK_F_T(mk_unscented_view) * view, MK_REAL *rest, MK_REAL dt, const MK_REAL *Q) {
@@ -184,14 +190,14 @@ MK_KERNEL mk_status_t MK_F(mk_inline_unscented_predict)(int n, const MK_F_T(mk_u
     }
     if (status != MK_OK) return status;
     if (!MK_F(mk_all_finite)(packed, Q)) return MK_ERROR_NOT_FINITE;
-    MK_F(mk_packed_copy)(n, Q, L);
+    MK_F(mk_put_noise)(n, Q, linear || extended ? 0 : x, L);
     total = full + n;
     if (MK_F(mk_cholesky)(n, L)) { /* the usual case, and the quick one */
         MK_UNROLL for (int j = 0; j < n; j++) {
             MK_UNROLL for (int i = 0; i < n; i++) points[j * n + i] = i < j ? MK_R(0.0) : L[MK_AT(i, j)];
         }
     } else {
-        for (int i = 0; i < packed; i++) L[i] = Q[i];
+        MK_F(mk_put_noise)(n, Q, linear || extended ? 0 : x, L);
         if (!MK_F(mk_semidefinite_root)(n, L, rest, points)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
         full = total;
     }

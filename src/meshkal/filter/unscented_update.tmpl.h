@@ -145,13 +145,12 @@ static void MK_F(mk_judge_stack)(MK_F_T(mk_updating) * u) {
     const MK_REAL f = MK_F(mk_foresee)(gate, gate->stacked[u->rows - 1], u->together);
     u->nis = f > MK_R(1.0) ? u->together / f : u->together;
     if (f == MK_R(1.0)) return;
-    for (int l = 0; l < u->slots; l++) u->beyond += u->factor[l] == MK_R(1.0);
-    if (f > MK_R(1.0)) {
-        MK_F(mk_stack_inflate)(u, 0, u->rows, f);
-        return;
+    for (int l = 0; l < u->slots; l++) {
+        u->beyond += u->factor[l] == MK_R(1.0);
+        u->factor[l] *= f;
     }
-    u->rows = 0;
-    for (int l = 0; l < u->slots; l++) u->factor[l] = MK_R(0.0);
+    if (f > MK_R(0.0)) MK_F(mk_stack_inflate)(u, 0, u->rows, f);
+    else u->rows = 0;
 }
 
 static mk_status_t MK_F(mk_stack_prior)(MK_F_T(mk_updating) * u) {
@@ -220,7 +219,8 @@ static mk_status_t MK_F(mk_cost)(MK_F_T(mk_updating) * u, const MK_REAL *x, MK_R
     for (int l = 0; l < u->slots; l++) {
         if (!(u->factor[l] > MK_R(0.0))) continue;
         const MK_F_T(mk_sensor) *const sensor = u->config->sensor + l;
-        const mk_status_t status = MK_F(mk_call)(&sensor->model, n, sensor->rows, 1, MK_R(0.0), 1, x, u->mean);
+        mk_status_t status = MK_F(mk_call)(&sensor->model, n, sensor->rows, 1, MK_R(0.0), 1, x, u->mean);
+        if (status == MK_OK && !MK_F(mk_all_finite)(sensor->rows, u->mean)) status = MK_ERROR_NOT_FINITE;
         if (status != MK_OK) {
             u->view->core->failed = (uint16_t)l;
             return status;
@@ -303,7 +303,8 @@ static void MK_F(mk_unscented_commit)(const MK_F_T(mk_updating) * u, int done, i
     for (int l = 0; l < u->slots; l++) {
         if (!view->have[l]) continue;
         const MK_REAL threshold = gate && gate->sensor && !u->back ? gate->sensor[u->config->sensor[l].rows - 1] : MK_R(0.0);
-        (void)MK_F(mk_gate_judge)(gate ? gate->policy : MK_GATE_SKIP, threshold, u->d2[l], view->record + l);
+        (void)MK_F(mk_gate_rate)(threshold, u->d2[l], view->record + l);
+        MK_F(mk_gate_count)(u->factor[l], view->record + l); /* which may be what all together were judged to be */
         core->measurements = (uint16_t)(core->measurements + (u->factor[l] > MK_R(0.0)));
         view->have[l] = 0;
     }

@@ -75,18 +75,6 @@ enum { START, PUT, INCREMENTAL, PUT_ESTIMATE, DIFFUSE, FUNCTIONS };
 static const char *const names[FUNCTIONS] = {"start", "put", "incremental", "put_estimate", "diffuse"};
 static uint32_t worst[FUNCTIONS];
 
-/* One call of a function of the node, counted, its stack measured. */
-#define CALL(function, begin, call) \
-    do { \
-        mk_stack_paint(); \
-        const uint32_t before = mk_stack_depth(); \
-        begin(); \
-        status = (call); \
-        size_end(); \
-        const uint32_t used = mk_stack_used() - before; \
-        if (used > worst[function]) worst[function] = used; \
-    } while (0)
-
 typedef enum { ALL, SOME, NONE } arrivals_t;
 
 static void scenario(const char *name, arrivals_t arrivals, int steps, real_t tolerance, int freezes) {

@@ -35,4 +35,16 @@ __attribute__((noinline)) void size_loops(void) {
     __asm__ volatile(""); /* or the last call would be a jump, after the return is prepared */
 }
 
+/* One call of a function, counted, its stack measured: status and worst[] are the caller's, who includes stack.h. */
+#define CALL(function, begin, call) \
+    do { \
+        mk_stack_paint(); \
+        const uint32_t before = mk_stack_depth(); \
+        begin(); \
+        status = (call); \
+        size_end(); \
+        const uint32_t used = mk_stack_used() - before; \
+        if (used > worst[function]) worst[function] = used; \
+    } while (0)
+
 #endif

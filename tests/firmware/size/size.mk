@@ -34,10 +34,18 @@ $(call FIRMWARE_IMAGE_FOR,size-unscented-$(2),tests/firmware/size/unscented.c te
 SIZE_IMAGES += $(FIRMWARE)/$(1)/size-unscented-$(2).elf
 SIZE_PLAN += '$(1)|unscented-$(2)|$(FIRMWARE_PREFIX_$(1))|$(FIRMWARE_QEMU_$(1))'
 endef
+# A node of the distributed unscented information filter.
+define SIZE_DUIF_IMAGE
+$(call FIRMWARE_IMAGE_FOR,size-duif-$(2),tests/firmware/size/duif.c tests/firmware/size/duif_node.c,-DSIZE_N=$(call size_word,$(2),1) \
+  -DSIZE_M=$(call size_word,$(2),2) -DSIZE_SLOTS=$(call size_word,$(2),3),,$(1))
+SIZE_IMAGES += $(FIRMWARE)/$(1)/size-duif-$(2).elf
+SIZE_PLAN += '$(1)|duif-$(2)|$(FIRMWARE_PREFIX_$(1))|$(FIRMWARE_QEMU_$(1))'
+endef
 # Not among the images of make firmware.
 SIZE_OTHERS := $(FIRMWARE_IMAGES)
 $(foreach t,$(FIRMWARE_TARGETS),$(foreach s,$(SIZE_SHAPES_$(t)),$(eval $(call SIZE_IMAGE,$(t),$(s)))))
 $(foreach s,$(SIZE_UNSCENTED),$(eval $(call SIZE_UNSCENTED_IMAGE,m4f,$(s))))
+$(eval $(call SIZE_DUIF_IMAGE,m4f,4-1-4-f32-shared))
 FIRMWARE_IMAGES := $(SIZE_OTHERS)
 
 $(SIZE)/count.so: tests/firmware/size/count.c Makefile | $(SETUP)

@@ -14,11 +14,15 @@ import sys
 
 HERE = pathlib.Path(__file__).parent
 LIMITS = HERE / "limits.json"
-# What an image measures: node, or unscented for images whose shape begins so. OBJECTS: its own code beside the library's; the last has the roots.
+# What an image measures: node, or unscented or duif for images whose shape begins so. OBJECTS: its own code beside the library's; the last has the roots.
 ROOTS = {"node": ["node_start", "node_put", "node_incremental", "node_put_estimate", "node_diffuse"],
-         "unscented": ["unscented_start", "unscented_predict", "unscented_put", "unscented_update"]}
-MARKERS = {"node": ["start", "put", "incremental", "frozen", "put_estimate", "diffuse"], "unscented": ["start", "predict", "put", "update"]}
-OBJECTS = {"node": ["node"], "unscented": ["unscented", "unscented_node"]}
+         "unscented": ["unscented_start", "unscented_predict", "unscented_put", "unscented_update"],
+         "duif": ["duif_start", "duif_predict", "duif_measure", "duif_contribute", "duif_frame", "duif_accept", "duif_iterate", "duif_fuse"]}
+MARKERS = {"node": ["start", "put", "incremental", "frozen", "put_estimate", "diffuse"], "unscented": ["start", "predict", "put", "update"],
+           "duif": [root.removeprefix("duif_") for root in ROOTS["duif"]]}
+OBJECTS = {"node": ["node"], "unscented": ["unscented", "unscented_node"], "duif": ["duif", "duif_node"]}
+# These call seal and open, which plain frames do not.
+SEALS = "mk_frame_|mk_link_|mk_duif_(frame|accept)"
 # What a function may call by pointer: models, and, but for those of MODELS_ONLY, the kernels of an update.
 MODELS = ["moves", "moves_jacobian", "ranges", "ranges_jacobian"]
 MODELS_ONLY = "predict|_stack_f32|filter_stack|_absorb|mk_space_difference|mk_call|mk_linearise|mk_extend"
@@ -32,11 +36,13 @@ HELD_OF["unscented"] = {"flash": "flash, bytes", "ram": "RAM, bytes", "stack": "
 HELD_OF["node"] = {"flash": "flash, bytes", "ram": "RAM, bytes", "stack": "stack by the call graph, bytes", "stack_painted": "stack as painted, bytes",
         "step_usual": "instructions of a usual step", "step_max": "instructions of a step at most", "frozen": "instructions of a frozen step", "diffuse": "instructions of diffusion at most",
         "put": "instructions of taking a reading"}
+HELD_OF["duif"] = {"flash": "flash, bytes", "ram": "RAM, bytes", "stack": "stack by the call graph, bytes", "stack_painted": "stack as painted, bytes",
+                   "step": "instructions of a step", **{name: f"instructions of {name}" for name in MARKERS["duif"]}}
 SECONDS = 60  # an image needs a few
 
 
 def kind(shape):
-    return "unscented" if shape.startswith("unscented-") else "node"
+    return shape.split("-")[0] if shape.startswith(("unscented-", "duif-")) else "node"
 
 
 class Failure(Exception):
@@ -78,18 +84,25 @@ def instructions(build, plan):
         raise Failure(f"{plan[0]}: 200 turns of a loop of two instructions were counted as {turn}")
     painted = {line[1]: int(line[2]) for line in lines if line[:1] == ["stack"]}
     common = {"ram": next(int(line[1]) for line in lines if line[:1] == ["ram"]), "stack_painted": max(painted.values()), "stack_painted_of": painted,
-              "start": max(counts["start"]), "put": max(counts["put"])}
-    return common | (of_filters if kind(plan[1]) == "unscented" else of_node)(counts, lines)
+              "start": max(counts["start"])}
+    return common | {"node": of_node, "unscented": of_filters, "duif": of_duif}[kind(plan[1])](counts, lines)
 
 
 def of_filters(counts, lines):
     """The most that a call takes, for each filter."""
-    row, first = {}, 0
+    row, first = {"put": max(counts["put"])}, 0
     for name, steps in (line[1:] for line in lines if line[:1] == ["filter"]):
         for call in ("predict", "update"):
             row[f"{name} {call}"] = max(counts[call][first:first + int(steps)])
         first += int(steps)
     return row
+
+
+def of_duif(counts, lines):
+    """The most that each call takes, and all calls of a step on average."""
+    steps = next(int(line[1]) for line in lines if line[:1] == ["steps"])
+    calls = {name: counts[name] for name in MARKERS["duif"] if name != "start"}
+    return {"step": round(sum(map(sum, calls.values())) / steps)} | {name: max(values) for name, values in calls.items()}
 
 
 def of_node(counts, lines):
@@ -99,7 +112,7 @@ def of_node(counts, lines):
         by_scenario.setdefault(name, []).extend(mine)
         good += mine[:len(mine) - int(failed)]
     return {
-        "step_min": min(good), "step_max": max(counts["incremental"]), "step_usual": statistics.median_low(by_scenario["all"]),
+        "put": max(counts["put"]), "step_min": min(good), "step_max": max(counts["incremental"]), "step_usual": statistics.median_low(by_scenario["all"]),
         "step_of": {name: [min(values), max(values)] for name, values in by_scenario.items()},
         "frozen": max(counts["frozen"]), "put_estimate": max(counts["put_estimate"], default=None), "diffuse": max(counts["diffuse"]),
     }
@@ -177,7 +190,9 @@ def stack(build, target, shape, prefix):
 
     def depth(function, above=()):
         if function == "__indirect_call":
-            if kind(shape) != "unscented":
+            if kind(shape) == "duif" and re.search(SEALS, above[-1]):
+                return 0
+            if kind(shape) == "node":
                 raise Failure(f"{target} {shape}: {above[-1]} calls by pointer")
             only_models = any(re.search(MODELS_ONLY, f) for f in above)
             return max(depth(short[name], above) for name in MODELS + KERNELS * (not only_models) if name in short)
@@ -232,6 +247,15 @@ def table(rows):
         cells = [row["target"], f"{n}, {m}, {slots}", kernels, thousands(row["flash"]), thousands(row["ram"]),
                  f"{thousands(row['stack'])}, {thousands(row['stack_painted'])}", f"{thousands(row['ekf predict'])}, {thousands(row['ukf predict'])}",
                  *(thousands(row[f"{name} update"]) for name in ("ekf", "ukf", "mpukf-5", "mpukf-30", "iukf"))]
+        yield "| " + " | ".join(cells) + " |"
+
+
+    yield "\n| target | n, m, slots | flash | RAM | stack: graph, painted | step, L = 10 | predict | contribute | frame | accept | iterate | fuse |"
+    yield "|---|---|---|---|---|---|---|---|---|---|---|---|"
+    for row in (row for row in rows if kind(row["shape"]) == "duif"):
+        cells = [row["target"], ", ".join(row["shape"].split("-")[1:4]), thousands(row["flash"]), thousands(row["ram"]),
+                 f"{thousands(row['stack'])}, {thousands(row['stack_painted'])}",
+                 *(thousands(row[name]) for name in ("step", "predict", "contribute", "frame", "accept", "iterate", "fuse"))]
         yield "| " + " | ".join(cells) + " |"
 
 

@@ -11,59 +11,12 @@
 
 enum { N = SIZE_N, M = SIZE_M, SLOTS = SIZE_SLOTS, STEPS = 12 };
 
+#include "models.h"
+
 MARKER(size_begin_start)
 MARKER(size_begin_predict)
 MARKER(size_begin_put)
 MARKER(size_begin_update)
-
-/* --- models: their instructions and frames count, their flash does not -------------------------------------------------------------- */
-
-typedef struct {
-    float position[M][3];
-} site_t;
-
-static mk_status_t moves(const void *context, float dt, int count, const float *x, float *y) {
-    (void)context;
-    for (int k = 0; k < count * N; k += 2) {
-        y[k] = x[k] + dt * x[k + 1];
-        y[k + 1] = x[k + 1];
-    }
-    return MK_OK;
-}
-
-static mk_status_t moves_jacobian(const void *context, float dt, const float *x, float *J) {
-    (void)context;
-    (void)x;
-    for (int k = 0; k < N * N; k++) J[k] = k % (N + 1) == 0 ? 1.0f : 0.0f;
-    for (int i = 0; i < N; i += 2) J[i * N + i + 1] = dt;
-    return MK_OK;
-}
-
-static float range(const site_t *site, int r, const float *x) {
-    float sum = 0.0f;
-    for (int d = 0; 2 * d < N; d++) sum += (x[2 * d] - site->position[r][d]) * (x[2 * d] - site->position[r][d]);
-    return __builtin_sqrtf(sum);
-}
-
-static mk_status_t ranges(const void *context, float dt, int count, const float *x, float *y) {
-    (void)dt;
-    for (int k = 0; k < count; k++)
-        for (int r = 0; r < M; r++) *y++ = range(context, r, x + k * N);
-    return MK_OK;
-}
-
-static mk_status_t ranges_jacobian(const void *context, float dt, const float *x, float *J) {
-    const site_t *const site = context;
-    (void)dt;
-    for (int r = 0; r < M; r++, J += N) {
-        const float inverse = 1.0f / range(site, r, x);
-        for (int d = 0; 2 * d < N; d++) {
-            J[2 * d] = (x[2 * d] - site->position[r][d]) * inverse;
-            J[2 * d + 1] = 0.0f;
-        }
-    }
-    return MK_OK;
-}
 
 /* --- runs ------------------------------------------------------------------------------------------------------------------------- */
 
@@ -77,18 +30,6 @@ static uint32_t seed = 1;
 enum { START, PREDICT, PUT, UPDATE, FUNCTIONS };
 static const char *const names[FUNCTIONS] = {"start", "predict", "put", "update"};
 static uint32_t worst[FUNCTIONS];
-
-/* One call of a function of the filter, counted, its stack measured. */
-#define CALL(function, begin, call) \
-    do { \
-        mk_stack_paint(); \
-        const uint32_t before = mk_stack_depth(); \
-        begin(); \
-        status = (call); \
-        size_end(); \
-        const uint32_t used = mk_stack_used() - before; \
-        if (used > worst[function]) worst[function] = used; \
-    } while (0)
 
 /* Uniform on [-1, 1). */
 static float draw(void) {

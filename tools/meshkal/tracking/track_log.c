@@ -85,6 +85,7 @@ static void put_faults(mk_run_log_t *log, const mk_track_setting_t *setting, con
     const mk_topology_t *const topology = &setting->topology;
     uint32_t *const faults = (uint32_t *)(void *)work;
     uint8_t *const measures = (uint8_t *)(work + topology->estimators);
+    const uint32_t due = !distributed(setting) ? 0 : informs(setting) ? (uint32_t)setting->iterations : 1; /* messages of each neighbour */
     memset(measures, 0, (size_t)setting->scenario->nodes);
     for (int i = 0; i < instant->count; i++) measures[instant->reading[i].node] = 1;
     for (int e = 0; e < topology->estimators; e++) {
@@ -95,8 +96,7 @@ static void put_faults(mk_run_log_t *log, const mk_track_setting_t *setting, con
         for (int l = 0; l < slots; l++) {
             const uint8_t decision = look->decision[first + l];
             if (l < heard && measures[topology->slot[first + l]] && !look->arrived[first + l]) faults[e] |= MK_FAULT_MEASUREMENT_MISSING;
-            if (distributed(setting) && l > 0 && look->messages[first + l] < (uint32_t)(setting->iterations > 1 ? setting->iterations : 1))
-                faults[e] |= MK_FAULT_ESTIMATE_MISSING;
+            if (l > 0 && look->messages[first + l] < due) faults[e] |= MK_FAULT_ESTIMATE_MISSING;
             if (decision == MK_READING_REFUSED) faults[e] |= MK_FAULT_REJECTED;
             used += decision == MK_READING_ACCEPTED || decision == MK_READING_INFLATED;
         }

@@ -90,8 +90,8 @@ void mk_track_report_head(FILE *out, const mk_track_campaign_t *c) {
                   c->scenario->nodes, c->scenario->n, c->facts.steps, c->runs, c->runs == 1 ? "" : "s", c->tracker->name, (unsigned long long)c->seed,
                   c->facts.drawn ? "drawn" : "recorded");
     if (c->loss > 0.0) (void)fprintf(out, ", %g of messages lost", c->loss);
-    (void)fprintf(out, "\nRMSE, NEES and NIS over steps %ld to %ld, with 95 %% confidence intervals of the runs; ln MSE: mean over all steps of the natural "
-                       "logarithm.\n",
+    (void)fprintf(out, "\nRMSE, NEES and NIS over steps %ld to %ld, with 95 %% confidence intervals of the runs; ln MSE: mean over all steps of the "
+                       "natural logarithm.\n",
                   c->from, c->facts.steps);
     if (c->facts.known) (void)fprintf(out, "NEES of an exact filter: %d; band: where its mean over the runs is in 95 of 100 steps.\n", states_judged(c));
     (void)fputs("\n", out);
@@ -145,11 +145,12 @@ void mk_track_report_foot(FILE *out, const mk_track_campaign_t *c, const mk_trac
                       single[MK_TRACK_READINGS] * runs, single[MK_TRACK_FAULTY] * runs, single[MK_TRACK_SCENARIO_LOST] * runs,
                       single[MK_TRACK_OUT_OF_RANGE] * runs);
     else
-        (void)fprintf(out, "%ld readings at %ld instants in %.6g s, longest gap %.3g s; %ld instants have some truth. Left out: %ld readings with some of their rows "
-                           "missing, %ld lines that were there before.\n",
-                      c->facts.readings, c->facts.steps, c->facts.last_s - c->facts.start_s, c->facts.longest_gap_s, c->facts.with_truth, c->facts.dropped,
-                      c->facts.repeated);
-    if (last->interrupted) (void)fprintf(out, "interrupted: the figures are of the runs that were complete, %d of %d\n", last->statistics.runs, c->runs);
+        (void)fprintf(out, "%ld readings at %ld instants in %.6g s, longest gap %.3g s; %ld instants have some truth. Left out: %ld readings with "
+                           "some of their rows missing, %ld lines that were there before.\n",
+                      c->facts.readings, c->facts.steps, c->facts.last_s - c->facts.start_s, c->facts.longest_gap_s, c->facts.with_truth,
+                      c->facts.dropped, c->facts.repeated);
+    if (last->interrupted)
+        (void)fprintf(out, "interrupted: the figures are of the runs that were complete, %d of %d\n", last->statistics.runs, c->runs);
     (void)fprintf(out, "%d thread%s, peak memory %.0f MiB\n", c->threads, c->threads == 1 ? "" : "s", mk_peak_memory() / 1048576.0);
 }
 

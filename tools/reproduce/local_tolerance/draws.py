@@ -3,13 +3,13 @@
 
 import json
 import math
-import shutil
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import seeds as by_seed
 from program import Program, ReproduceError
+from seeds import read_json
 
 from . import networks
 
@@ -26,22 +26,7 @@ DENSITIES = (5, 8, 12)
 
 
 def compute(program: Program, out: Path, seeds: range, jobs: int) -> None:
-    """A failure belongs to its draw, and is told with the table: the others go on. Threads suffice, the work is in the program."""
-    with ThreadPoolExecutor(jobs) as pool:
-        list(pool.map(lambda seed: _draw(program, folder_of(out, seed), seed), seeds))
-
-
-def folder_of(out: Path, seed: int) -> Path:
-    return out / "draws" / f"seed-{seed}"
-
-
-def _draw(program: Program, folder: Path, seed: int) -> None:
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    try:
-        _run(program, folder, seed)
-    except ReproduceError as error:
-        (folder / "error.txt").write_text(f"{error}\n")
+    by_seed.compute(out, seeds, jobs, lambda folder, seed: _run(program, folder, seed))
 
 
 def _run(program: Program, folder: Path, seed: int) -> None:
@@ -125,26 +110,12 @@ class Draw:
 
 def load(out: Path, seeds: range) -> tuple[list[Draw], dict[int, str]]:
     """The draws, and for each seed that has none, why."""
-    draws, errors = [], {}
-    for seed in seeds:
-        try:
-            draws.append(_load(folder_of(out, seed), seed))
-        except ReproduceError as error:
-            errors[seed] = str(error)
-        except KeyError as error:
-            errors[seed] = f"{folder_of(out, seed)}: a result has no {error}"
-    return draws, errors
+    return by_seed.load(out, seeds, _load)
 
 
 def _load(folder: Path, seed: int) -> Draw:
-    if (folder / "error.txt").exists():
-        raise ReproduceError((folder / "error.txt").read_text().strip())
-
     def read(name: str) -> dict:
-        try:
-            return json.loads((folder / f"{name}.json").read_text())
-        except (OSError, ValueError) as error:
-            raise ReproduceError(f"cannot read {folder / name}.json: {error}") from None
+        return read_json(folder / f"{name}.json")
 
     def by_filter(name: str) -> dict[str, dict]:
         return {item["filter"]: item for item in read(name)["filters"]}

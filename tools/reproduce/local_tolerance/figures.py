@@ -1,42 +1,24 @@
 # SPDX-License-Identifier: MIT
 """The figures, PNG. One draw is shown where curves are, all draws where a spread is."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib
+import numpy as np
+import plots
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
 
-matplotlib.use("Agg")
+from . import published
+from .draws import FILTERS, HORIZON, Draw
+from .networks import mean_degree, neighbourhoods
+from .properties import decibels
+from .styles import ON_WHITE
 
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-from matplotlib.axes import Axes  # noqa: E402
-from matplotlib.cm import ScalarMappable  # noqa: E402
-from matplotlib.collections import LineCollection  # noqa: E402
-from matplotlib.colors import ListedColormap, Normalize  # noqa: E402
-from matplotlib.figure import Figure  # noqa: E402
-
-from . import published  # noqa: E402
-from .draws import FILTERS, HORIZON, Draw  # noqa: E402
-from .networks import mean_degree, neighbourhoods  # noqa: E402
-from .properties import decibels  # noqa: E402
-from .styles import ON_WHITE  # noqa: E402
-
-_STYLE = {
-    "figure.figsize": (8.0, 4.4),
-    "figure.constrained_layout.use": True,
-    "savefig.dpi": 150,
-    "font.size": 11,
-    "axes.titlesize": 11,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#e4e4e4",
-    "grid.linewidth": 0.7,
-    "axes.axisbelow": True,
-    "lines.linewidth": 1.8,
-    "legend.frameon": False,
-}
 _LABEL = {name: name.upper() for name in FILTERS}
 # Viridis without its palest end, which is hard to see on white.
 _SCALE = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0.0, 0.9, 256)))
@@ -49,21 +31,15 @@ _STEPS = np.arange(HORIZON + 1)
 
 def write(out: Path, draws: list[Draw]) -> None:
     first = draws[0]
-    with plt.rc_context(_STYLE):
-        _save(out / "network.png", network, first)
-        _save(out / "msd.png", msd, first)
-        _save(out / "node-msd.png", node_msd, first)
-        _save(out / "tolerance.png", tolerance, first)
-        _save(out / "theta.png", theta, first)
-        _save(out / "densities.png", densities, first)
-        _save(out / "transient.png", transient, draws)
-        _save(out / "draws.png", spread, draws)
-
-
-def _save(path: Path, make: Callable, argument: Draw | list[Draw]) -> None:
-    figure = make(argument)
-    figure.savefig(path)
-    plt.close(figure)
+    with plt.rc_context(plots.STYLE):
+        plots.save(out / "network.png", network, first)
+        plots.save(out / "msd.png", msd, first)
+        plots.save(out / "node-msd.png", node_msd, first)
+        plots.save(out / "tolerance.png", tolerance, first)
+        plots.save(out / "theta.png", theta, first)
+        plots.save(out / "densities.png", densities, first)
+        plots.save(out / "transient.png", transient, draws)
+        plots.save(out / "draws.png", spread, draws)
 
 
 def _line(axes: Axes, name: str, x: np.ndarray, y: np.ndarray, **style: object) -> None:
@@ -230,14 +206,10 @@ def spread(draws: list[Draw]) -> Figure:
 
 
 def _strip(axes: Axes, x: float, values: list[float], colour: str, paper: float | None, independent: tuple | None) -> None:
-    # Spread by rank of a fixed sequence, not at random: the same numbers give the same picture.
-    offsets = (np.arange(len(values)) * 0.618034 % 1.0 - 0.5) * 0.3
-    axes.scatter(x + offsets, values, s=22, color=colour, alpha=0.55, linewidths=0, label="a random draw" if x == 1 else None)
-    axes.plot([x - 0.24, x + 0.24], [np.median(values)] * 2, color="black", linewidth=2.2, label="their median")
+    plots.scattered(axes, x, values, colour, "a random draw" if x == 1 else None)
     if independent:
         style = {"color": "#777777", "linewidth": 3, "solid_capstyle": "butt", "label": "another reproduction, 30 draws"}
         axes.plot([x + 0.33] * 2, [independent[0], independent[2]], **style)
         axes.plot([x + 0.29, x + 0.37], [independent[1]] * 2, color="#777777", linewidth=2)
     if paper is not None:
-        style = {"marker": "D", "markersize": 9, "markerfacecolor": "white", "markeredgecolor": "#cc0000", "markeredgewidth": 2}
-        axes.plot(x, paper, linestyle="none", label="published", **style)
+        axes.plot(x, paper, label="published", **plots.PUBLISHED)

@@ -1,64 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""What the paper says of every draw. Each property measures one number of a draw and compares it with a limit.
-
-MUST     a failure is one of the program: it decides the exit status
-CLAIM    said in general, and false on some draws (tools/reproduce/README.md says why): reported, decides nothing
-OPEN     not claimed: reported because one would like to know
-"""
-
-from collections.abc import Callable
-from dataclasses import dataclass
+"""What the paper says of every draw."""
 
 import numpy as np
+from statements import CLAIM, MUST, OPEN, Property
 
 from .draws import DENSITIES, LARGER_TOLERANCE, Analysis, Draw
 from .networks import neighbourhoods
 
-MUST, CLAIM, OPEN = "must hold", "claim", "not claimed"
 APART_DB = 0.01
 
 Analyses = dict[str, Analysis]
-
-
-@dataclass(frozen=True)
-class Property:
-    kind: str
-    text: str
-    number: str  # what `measure` gives, with its unit
-    measure: Callable[[Draw], float]
-    sense: str  # "<" or ">"
-    limit: float
-
-    def holds(self, value: float) -> bool:
-        """NaN never does."""
-        return value < self.limit if self.sense == "<" else value > self.limit
-
-
-@dataclass(frozen=True)
-class Outcome:
-    property: Property
-    values: dict[int, float]  # by seed
-
-    @property
-    def failed(self) -> list[int]:
-        return [seed for seed, value in self.values.items() if not self.property.holds(value)]
-
-    @property
-    def breaks(self) -> bool:
-        return self.property.kind == MUST and bool(self.failed)
-
-    @property
-    def median(self) -> float:
-        return float(np.median(list(self.values.values())))
-
-    @property
-    def worst(self) -> float:
-        values = list(self.values.values())
-        return float(np.max(values) if self.property.sense == "<" else np.min(values))
-
-
-def evaluate(draws: list[Draw]) -> list[Outcome]:
-    return [Outcome(p, {draw.seed: float(p.measure(draw)) for draw in draws}) for p in PROPERTIES]
 
 
 def decibels(values: np.ndarray) -> np.ndarray:

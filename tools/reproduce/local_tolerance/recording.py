@@ -9,7 +9,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 from meshkal_rerun import colours
 from meshkal_rerun.output import recording_file
-from meshkal_rerun.recording import time_columns
 
 from .draws import FILTERS, HORIZON, Draw
 from .networks import mean_degree
@@ -58,7 +57,10 @@ def _packed(hexadecimal: str) -> int:
 
 def _series(rec: rr.RecordingStream, draw: Draw, path: str, values: np.ndarray, name: str, colour: int, width: float) -> None:
     rec.log(path, rr.SeriesLines(names=name, colors=colour, widths=width), static=True)
-    times = time_columns(np.arange(len(values)), draw.scenario["model"]["dt_s"])
+    steps = np.arange(len(values))
+    # Nanoseconds as integers: rerun truncates a column of float seconds.
+    ns = np.rint(steps * (draw.scenario["model"]["dt_s"] * 1e9)).astype("timedelta64[ns]")
+    times = [rr.TimeColumn("step", sequence=steps), rr.TimeColumn("sim_time", duration=ns)]
     rec.send_columns(path, times, rr.Scalars.columns(scalars=values))
 
 

@@ -4,13 +4,15 @@
 import argparse
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
 
 import rerun as rr
 
+from . import comparison
 from .blueprint import blueprint
 from .joined import JoinedReader
 from .output import recording_file
@@ -54,35 +56,56 @@ def convert(stream: BinaryIO, output: Path, run: int) -> list[str]:
 
 
 def convert_joined(streams: dict[str, BinaryIO], output: Path, run: int) -> list[str]:
-    """The same of the logs of several nodes of a network, by their names."""
+    """The same of several logs, by their names: of nodes of one network; or of filters for tracking, the first of which is shown and the
+    others are compared with it."""
     readers = {}
     for name, stream in streams.items():
         try:
             readers[name] = LogReader(stream)
         except LogError as error:
             raise LogError(f"{name}: {error}") from None
+    first = next(iter(readers.values()))
+    if first.header.tracking:
+        others = [(name, label, readers[name]) for name, label in comparison.labels(readers).items()]
+        remarks = _convert(first, output, run, others)
+        return remarks + [f"{name}: {text}" for name, reader in readers.items() if reader is not first for text in reader.warnings]
     return _convert(JoinedReader(readers), output, run)
 
 
-def _convert(reader: LogReader, output: Path, run: int) -> list[str]:
+def _convert(reader: LogReader, output: Path, run: int, others: Sequence[tuple[str, str, LogReader]] = ()) -> list[str]:
     scenario = parse_scenario(reader.header)
     batches = reader.batches(run)
     first = next(batches, None)
     if first is None:
         raise LogError(f"the log has no step of run {run}")
-    with recording_file(output, recording_id(reader.header, run), blueprint(reader.header, scenario, first)) as rec:
+    compared = tuple(label for _, label, _ in others) if scenario.position_states else ()
+    with recording_file(output, recording_id(reader.header, run, compared), blueprint(reader.header, scenario, first, compared)) as rec:
         recorder = Recorder(rec, reader.header, scenario, run)
-        recorder.batch(first)
+        beside = comparison.Comparison(rec, scenario) if compared else None
+        batches = chain([first], batches)
         del first
         for batch in batches:
             recorder.batch(batch)
-        recorder.finish(reader.end)
+            if beside:
+                beside.shown(batch)
+        recorder.finish(reader.end, _compared(beside, others, run) if beside else [])
     return reader.warnings
+
+
+def _compared(beside: comparison.Comparison, others: Sequence[tuple[str, str, LogReader]], run: int) -> list[tuple[str, str]]:
+    rows = []
+    for index, (name, label, reader) in enumerate(others):
+        try:
+            rows.append(beside.other(label, reader, run, index))
+        except LogError as error:
+            raise LogError(f"{name}: {error}") from None
+    return [row for row in rows if row]
 
 
 def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog=PROGRAM, description="Turns a Meshkal run log into a rerun recording (.rrd).")
-    parser.add_argument("log", nargs="+", help="the log, or - for standard input; several: those of nodes of one network, as meshkal-node writes them")
+    parser.add_argument("log", nargs="+", help="the log, or - for standard input; several: those of nodes of one network, as meshkal-node writes "
+                        "them, or those of filters over the same tracking run: the first is shown, the others are compared with it")
     parser.add_argument("-o", "--output", required=True, metavar="RUN.rrd", help="the recording to write")
     parser.add_argument("--run", type=_run_number, default=0, metavar="K", help="which Monte Carlo run (default: 0)")
     return parser.parse_args(arguments)

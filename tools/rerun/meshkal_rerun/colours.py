@@ -12,6 +12,26 @@ MEDIAN = 0x7FC8FFFF
 REFERENCE = 0xB0B0B0FF
 LINK = 0x50505AFF
 UNKNOWN = 0x808080FF
+BOUND = 0xE8C35AFF
+LIMIT = 0x8FA3B866
+MESSAGE = 0x9BE37AFF
+# What became of a reading, by its name in tracking_recording.py.
+DECISIONS = {
+    "no reading": 0x50505AFF,
+    "used": 0x58B368FF,
+    "lost": 0x7F8C9AFF,
+    "inflated": 0xF5B83DFF,
+    "rejected": 0xFF4D40FF,
+    "refused by the model": 0xC77DFFFF,
+}
+# Of filters that are compared with the one that is shown.
+COMPARED = {"orange": 0xFFB000FF, "turquoise": 0x00D1C1FF, "pink": 0xFF7EB6FF, "lime": 0xB9E769FF, "lilac": 0xC3A6FFFF}
+
+
+def compared(index: int) -> tuple[str, int]:
+    """Name and colour; they repeat."""
+    return list(COMPARED.items())[index % len(COMPARED)]
+
 
 _GOLDEN_RATIO = 0.6180339887498949
 # Blue, sand, red: ordered for the colour-blind too, and none of them vanishes on a dark background.
@@ -39,6 +59,11 @@ def scale_colours(values: np.ndarray, low: float, high: float) -> np.ndarray:
     known = ~np.isnan(position)
     channels = [np.interp(np.where(known, position, 0.0), stops, _SCALE[:, c]) for c in range(3)]
     return np.where(known, _pack(np.stack(channels)), np.uint32(UNKNOWN)).astype(np.uint32)
+
+
+def ramp(count: int) -> np.ndarray:
+    """From red, the first, to blue, the last."""
+    return scale_colours(np.arange(count, dtype=np.float64)[::-1], 0.0, max(count - 1.0, 1.0))
 
 
 def _pack(rgb: np.ndarray) -> np.ndarray:

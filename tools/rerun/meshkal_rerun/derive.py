@@ -53,14 +53,17 @@ def per_estimator(batch: Batch, header: Header) -> dict[str, np.ndarray]:
     with np.errstate(divide="ignore", invalid="ignore"):
         nis_ratio = batch.nis.astype(np.float64) / batch.nis_rows
     quantities = {
-        "theta": finite(batch.theta),
-        "tolerance": finite(batch.tolerance),
         "nis_ratio": finite(nis_ratio),
         "trace_covariance": finite(batch.trace_covariance),
-        "missing_measurements": missing(batch.measurements_arrived, header),
     }
-    if batch.estimates_arrived is not None:
-        quantities["missing_estimates"] = missing(batch.estimates_arrived, header)
+    for key in ("theta", "tolerance"):
+        if getattr(batch, key) is not None:
+            quantities[key] = finite(getattr(batch, key))
+    # Of a tracking log, where a sensor need not have given a reading, they are counted in another way: tracking_numbers.py.
+    if not header.tracking:
+        quantities["missing_measurements"] = missing(batch.measurements_arrived, header)
+        if batch.estimates_arrived is not None:
+            quantities["missing_estimates"] = missing(batch.estimates_arrived, header)
     error = known_error(batch)
     if error is not None:
         quantities["error_db"] = decibels(error)
@@ -69,12 +72,10 @@ def per_estimator(batch: Batch, header: Header) -> dict[str, np.ndarray]:
 
 def network(batch: Batch, quantities: dict[str, np.ndarray]) -> dict[str, dict[str, np.ndarray]]:
     """Arrays (T,) by quantity and by the name of the summary."""
-    summaries = {
-        "theta": _median_and_largest(quantities["theta"]),
-        "tolerance": _median_and_largest(quantities["tolerance"]),
-        "nis_ratio": {"pooled": _pooled_nis(batch)},
-        "trace_covariance": _median_and_largest(quantities["trace_covariance"]),
-    }
+    summaries = {"nis_ratio": {"pooled": _pooled_nis(batch)}}
+    for key in ("theta", "tolerance", "trace_covariance"):
+        if key in quantities:
+            summaries[key] = _median_and_largest(quantities[key])
     for key in ("missing_measurements", "missing_estimates"):
         if key in quantities:
             summaries[key] = {"total": quantities[key].sum(axis=1)}

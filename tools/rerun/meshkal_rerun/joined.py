@@ -23,6 +23,8 @@ class JoinedReader(LogReader):
         first = next(iter(readers.values())).header
         slots: dict[int, tuple[int, ...]] = {}
         for name, reader in readers.items():
+            if reader.header.tracking:
+                raise LogError(f"{name} is the log of a tracking scenario, {next(iter(readers))} is not; they cannot be joined")
             for key in _SAME:
                 if getattr(reader.header, key) != getattr(first, key):
                     raise LogError(f"{name} does not belong to {next(iter(readers))}: its {key} is another")

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: MIT
 """The network as a graph: who listens to whom, each node coloured by its error over time."""
 
-from collections.abc import Callable
-
 import numpy as np
 import rerun as rr
 
-from . import colours
-from .reader import Header
+from . import colours, derive
+from .reader import Batch, Header
 from .scenario import Scenario
+from .series import Clock
 
 NODES = "network/nodes"
 LABELS = "network/labels"
@@ -22,16 +21,18 @@ _ROWS_A_SEND = 4096
 class NetworkGraph:
     """Keeps one number a node and step until the end, because the colour scale needs the range of the whole run."""
 
-    def __init__(self, rec: rr.RecordingStream, header: Header, scenario: Scenario) -> None:
+    def __init__(self, rec: rr.RecordingStream, header: Header, scenario: Scenario, clock: Clock) -> None:
         self._rec = rec
+        self._clock = clock
         self._steps: list[np.ndarray] = []
+        self._times: list[np.ndarray] = []
         self._values: list[np.ndarray] = []
         self._central = header.central
         self._nodes = header.nodes
         self._estimator_nodes = list(header.estimator_nodes)
         self._names = [str(k) for k in range(header.nodes)] + (["centre"] if header.central else [])
         edges, directed = graph_edges(header)
-        positions = graph_positions(scenario.node_positions_m, header)
+        positions = graph_positions(scenario.all_positions_m, header)
         rec.log(
             NODES,
             rr.GraphNodes.from_fields(
@@ -46,26 +47,31 @@ class NetworkGraph:
             below = positions + (0.0, 2.1 * _RADIUS)
             rec.log(LABELS, rr.GraphNodes(ids, positions=below, labels=self._names, show_labels=True), static=True)
 
-    def batch(self, step: np.ndarray, quantities: dict[str, np.ndarray]) -> None:
+    def batch(self, batch: Batch, quantities: dict[str, np.ndarray]) -> None:
         """Without a truth there is no error; how far the innovations exceed what a node expects stands in for it, in dB too."""
-        if "error_db" in quantities:
+        if "position_error" in quantities:
+            values = derive.decibels(quantities["position_error"])
+        elif "error_db" in quantities:
             values = quantities["error_db"]
         else:
             with np.errstate(divide="ignore", invalid="ignore"):
                 values = 10.0 * np.log10(quantities["nis_ratio"])
-        self._steps.append(step)
+        self._steps.append(batch.step)
+        if batch.time_s is not None:
+            self._times.append(batch.time_s)
         self._values.append(values.astype(np.float32))
 
-    def finish(self, times: Callable[[np.ndarray], list]) -> tuple[float, float] | None:
+    def finish(self) -> tuple[float, float] | None:
         """Sends the colours and returns the dB values of blue and red."""
         values = np.concatenate(self._values)
         known = values[np.isfinite(values)]
         # The extremes are left out: one start-up transient would otherwise paint the rest in one colour.
         low, high = (float(q) for q in np.percentile(known, [10, 90])) if len(known) else (0.0, 0.0)
         step = np.concatenate(self._steps)
+        time_s = np.concatenate(self._times) if self._times else None
         for first in range(0, len(step), _ROWS_A_SEND):
             part = slice(first, first + _ROWS_A_SEND)
-            self._send(times(step[part]), values[part], low, high)
+            self._send(self._clock.columns(step[part], None if time_s is None else time_s[part]), values[part], low, high)
         return (low, high) if len(known) else None
 
     def _send(self, times: list, values: np.ndarray, low: float, high: float) -> None:

@@ -5,14 +5,17 @@ import hashlib
 import io
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 import cbor2
 import numpy as np
 
 FORMAT = "meshkal-log"
 FORMAT_VERSION = 1
-CENTRAL_FILTERS = ("kfc", "rkfc")
-FILTERS = (*CENTRAL_FILTERS, "kfd", "rkfdu", "rkfdnu", "rkfdnu2")
+# Of the filter, for each kind of log: those of a centre, and those that run in every node.
+LINEAR, TRACKING = "linear", "tracking"
+_CENTRAL = {LINEAR: ("kfc", "rkfc"), TRACKING: ("ekf", "ukf", "iukf", "iukf-literal", "pukf", "mpukf")}
+_DISTRIBUTED = {LINEAR: ("kfd", "rkfdu", "rkfdnu", "rkfdnu2"), TRACKING: ("duif", "kcf", "rekfd")}
 
 # A batch is bounded by both, so that neither a large network nor a long run grows the memory in use.
 BATCH_BYTES = 64 << 20
@@ -51,10 +54,26 @@ class Header:
     rows: tuple[int, ...]
     slots: tuple[tuple[int, ...], ...]
     estimator_nodes: tuple[int, ...]  # node of each estimator; of a centre none
+    tracking: bool
+    start_s: float  # time of x0 of a tracking log
+    iterations: int  # of the consensus of a tracking log, else 0
+    protocol: str
+    increments: int
+    gate: float  # significance, 0 without one
 
     @property
     def central(self) -> bool:
-        return self.filter in CENTRAL_FILTERS
+        return self.filter in _CENTRAL[TRACKING if self.tracking else LINEAR]
+
+    @property
+    def heard(self) -> tuple[int, ...]:
+        """From how many of its slots, the first ones, an estimator gets readings; consensus spreads them in other ways."""
+        return (1,) * self.estimators if self.filter in ("duif", "kcf") else tuple(len(s) for s in self.slots)
+
+    @property
+    def messages(self) -> int:
+        """How many messages of a neighbour an estimator of a tracking log waits for in a step."""
+        return self.iterations if self.filter == "duif" else 1
 
     @property
     def slot_starts(self) -> np.ndarray:
@@ -71,8 +90,8 @@ class Batch:
     measurements_arrived: np.ndarray
     estimate: np.ndarray  # (T, E, n)
     trace_covariance: np.ndarray
-    theta: np.ndarray
-    tolerance: np.ndarray
+    theta: np.ndarray | None
+    tolerance: np.ndarray | None
     nis: np.ndarray
     nis_rows: np.ndarray
     faults: np.ndarray
@@ -80,6 +99,23 @@ class Batch:
     error: np.ndarray | None
     estimates_arrived: np.ndarray | None
     position_covariance: np.ndarray | None  # (T, E, p (p + 1) / 2), rows of the lower triangle
+    # Of a tracking log.
+    time_s: np.ndarray | None = None  # (T,)
+    measuring: np.ndarray | None = None  # (T, N)
+    faulty: np.ndarray | None = None
+    decision: np.ndarray | None = None  # (T, slots), numbers of `Decision`
+    gate_ratio: np.ndarray | None = None  # 0: not judged
+    gate_stacked_ratio: np.ndarray | None = None
+    nees: np.ndarray | None = None
+    messages_arrived: np.ndarray | None = None
+    disagreement: np.ndarray | None = None  # (T,)
+    consensus_disagreement: np.ndarray | None = None  # (T, L + 1)
+
+
+class Decision(IntEnum):
+    """What became of a reading; LOST is not in logs: the sensor gave it, and it did not reach the estimator."""
+
+    NONE, USED, REJECTED, INFLATED, REFUSED, LOST = range(6)
 
 
 @dataclass
@@ -124,13 +160,15 @@ class LogReader:
                 continue
             where = f"item {self._items} (run {run}, step {item['step']})"
             pending_bytes += _check_arrays(item, lengths, where)
-            present = frozenset(key for key in _OPTIONAL if key in item)
+            present = frozenset(key for key in _optional(header) if key in item)
             if optional is None:
                 optional = present
             if present != optional:
                 raise LogError(f"{where}: {', '.join(sorted(present ^ optional))} is in some steps and not in others")
             if item["step"] <= last_step:
                 raise LogError(f"{where}: comes after step {last_step}")
+            if header.tracking:
+                _check_tracking(item, where)
             last_step = item["step"]
             pending.append(item)
             if len(pending) >= BATCH_STEPS or pending_bytes >= BATCH_BYTES:
@@ -223,8 +261,9 @@ def _header(item: object) -> Header:
 
     nodes = take("nodes", positive)
     estimators = take("estimators", positive)
-    filter_name = take("filter", one_of(*FILTERS))
-    central = filter_name in CENTRAL_FILTERS
+    kind = take("kind", one_of(TRACKING)) if "kind" in item else LINEAR
+    filter_name = take("filter", one_of(*_CENTRAL[kind], *_DISTRIBUTED[kind]))
+    central = filter_name in _CENTRAL[kind]
     some = "estimator_nodes" in item and not central
     if not some and estimators != (1 if central else nodes):
         raise LogError(f"header: {estimators} estimators do not fit filter {filter_name} with {nodes} nodes")
@@ -262,10 +301,21 @@ def _header(item: object) -> Header:
         rows=tuple(take("rows", rows_valid)),
         slots=tuple(tuple(s) for s in take("slots", slots_valid)),
         estimator_nodes=tuple(take("estimator_nodes", estimator_nodes_valid)) if some else () if central else tuple(range(nodes)),
+        tracking=kind == TRACKING,
+        start_s=take("start_s", _is_finite_number) if kind == TRACKING else 0.0,
+        iterations=take("iterations", _is_unsigned) if kind == TRACKING else 0,
+        protocol=take("protocol", text) if kind == TRACKING else "",
+        increments=take("increments", _is_unsigned) if kind == TRACKING else 0,
+        gate=take("gate", lambda value: _is_finite_number(value) and 0 <= value < 1) if kind == TRACKING else 0.0,
     )
 
 
 _OPTIONAL = ("truth", "error", "estimates_arrived", "position_covariance")
+_OPTIONAL_TRACKING = (*_OPTIONAL, "theta", "tolerance", "nees", "messages_arrived", "disagreement", "consensus_disagreement")
+
+
+def _optional(header: Header) -> tuple[str, ...]:
+    return _OPTIONAL_TRACKING if header.tracking else _OPTIONAL
 
 
 def _lengths(header: Header) -> dict[str, tuple[np.dtype, int]]:
@@ -273,7 +323,19 @@ def _lengths(header: Header) -> dict[str, tuple[np.dtype, int]]:
     double, byte, word = np.dtype("<f8"), np.dtype("u1"), np.dtype("<u4")
     e = header.estimators
     slots = sum(len(s) for s in header.slots)
-    return {
+    tracking = {
+        "time_s": (double, 1),
+        "measuring": (byte, header.nodes),
+        "faulty": (byte, header.nodes),
+        "decision": (byte, slots),
+        "gate_ratio": (real, slots),
+        "gate_stacked_ratio": (real, e),
+        "nees": (double, e),
+        "messages_arrived": (word, slots),
+        "disagreement": (double, 1),
+        "consensus_disagreement": (double, header.iterations + 1),
+    }
+    return (tracking if header.tracking else {}) | {
         "truth": (double, header.states),
         "measurements": (double, sum(header.rows)),
         "measurements_arrived": (byte, slots),
@@ -292,9 +354,10 @@ def _lengths(header: Header) -> dict[str, tuple[np.dtype, int]]:
 
 def _check_arrays(item: dict, lengths: dict[str, tuple[np.dtype, int]], where: str) -> int:
     size = 0
+    optional = _OPTIONAL_TRACKING if "time_s" in lengths else _OPTIONAL
     for key, (dtype, length) in lengths.items():
         value = item.get(key)
-        if value is None and key in _OPTIONAL:
+        if value is None and key in optional:
             continue
         if not isinstance(value, np.ndarray) or value.dtype != dtype:
             raise LogError(f"{where}: {key} is missing or not an array of {dtype.name}")
@@ -302,6 +365,14 @@ def _check_arrays(item: dict, lengths: dict[str, tuple[np.dtype, int]], where: s
             raise LogError(f"{where}: {key} has {len(value)} numbers instead of {length}")
         size += value.nbytes
     return size
+
+
+def _check_tracking(item: dict, where: str) -> None:
+    if not np.isfinite(item["time_s"][0]):
+        raise LogError(f"{where}: time_s is not finite")
+    largest = int(item["decision"].max())
+    if largest >= Decision.LOST:
+        raise LogError(f"{where}: decision {largest} is unknown")
 
 
 def _batch(items: list[dict], header: Header) -> Batch:
@@ -312,4 +383,7 @@ def _batch(items: list[dict], header: Header) -> Batch:
     for key in ("estimate", "position_covariance"):
         if arrays[key] is not None:
             arrays[key] = arrays[key].reshape(len(items), header.estimators, -1)
+    for key in ("time_s", "disagreement"):
+        if arrays.get(key) is not None:
+            arrays[key] = arrays[key][:, 0]
     return Batch(step=np.array([item["step"] for item in items], dtype=np.int64), **arrays)

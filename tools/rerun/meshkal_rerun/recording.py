@@ -2,18 +2,21 @@
 """Writes the batches of one run to a rerun recording: times, series, faults. Scene, network and summary have their own files."""
 
 import hashlib
+from collections.abc import Sequence
 
 import numpy as np
 import rerun as rr
 
-from . import colours, derive
+from . import colours, derive, tracking_numbers
 from .network import NetworkGraph
-from .reader import Batch, Header, LogError
+from .reader import Batch, Header
 from .scenario import Scenario
 from .scene import Scene
+from .series import Clock, Series
 from .summary import Summary
-
-_LARGEST_NS = (1 << 63) - 1
+from .tracking_recording import TrackingRecorder
+from .tracking_scene import TrackingScene
+from .tracking_summary import TrackingSummary
 
 # The bits of meshkal/rkfd.h.
 _FAULTS = {0: "measurement missing", 1: "estimate missing", 2: "input refused", 3: "no measurement at all"}
@@ -23,6 +26,7 @@ _LOGGED = np.uint32(0xFFFFFFFF & ~0b11)
 _SUMMARY_STYLE = {
     "rms": (colours.SUMMARY, 3.0),
     "pooled": (colours.SUMMARY, 3.0),
+    "mean": (colours.SUMMARY, 3.0),
     "total": (colours.SUMMARY, 3.0),
     "median": (colours.MEDIAN, 2.0),
     "worst": (colours.WORST, 1.5),
@@ -30,11 +34,13 @@ _SUMMARY_STYLE = {
 }
 
 
-def recording_id(header: Header, run: int) -> str:
+def recording_id(header: Header, run: int, compared: Sequence[str] = ()) -> str:
     """The same run gives the same id. The viewer merges recordings of equal id, so everything that makes a run differ is in it."""
     rest = (header.program, header.real, header.source, header.steps, header.loss, header.dt_s)
     if header.estimator_nodes != tuple(range(header.nodes)) and not header.central:
         rest += header.estimator_nodes
+    if header.tracking:
+        rest += (header.start_s, header.iterations, header.protocol, header.increments, header.gate, *compared)
     digest = hashlib.sha256(repr(rest).encode()).hexdigest()[:8]
     return f"{header.scenario_sha256[:16]}-{header.filter}-seed{header.seed}-run{run}-{digest}"
 
@@ -52,59 +58,72 @@ class Recorder:
 
     def __init__(self, rec: rr.RecordingStream, header: Header, scenario: Scenario, run: int) -> None:
         self._rec = rec
-        self._header = header
+        self._header, self._scenario = header, scenario
         self._names = estimator_names(header)
         each = colours.node_colours(header.nodes)
         self._colours = colours.node_colours(1) if header.central else each[list(header.estimator_nodes)]
-        self._styled: set[str] = set()
+        self._clock = Clock(header)
+        self._series = Series(rec, envelope=header.tracking)
+        self._gaps: dict[str, bool] = {}  # of series, whether their first values have some
         self._last_faults = np.zeros(header.estimators, dtype=np.uint32)
-        self._scene = Scene(rec, header, scenario, self._names, self._colours) if scenario.position_states else None
-        self._graph = NetworkGraph(rec, header, scenario)
-        self._summary = Summary(header, scenario, run, self._names)
+        paths = [estimator_path(header, k) for k in range(header.estimators)]
+        scene = TrackingScene if header.tracking else Scene
+        self._scene = scene(rec, header, scenario, self._names, self._colours) if scenario.position_states else None
+        self._tracking = TrackingRecorder(self._series, self._clock, header, paths) if header.tracking else None
+        self._graph = NetworkGraph(rec, header, scenario, self._clock)
+        self._summary = (TrackingSummary if header.tracking else Summary)(header, scenario, run, self._names)
         rec.send_recording_name(f"{scenario.name}: {header.filter}, run {run}")
 
     def batch(self, batch: Batch) -> None:
-        times = time_columns(batch.step, self._header.dt_s)
+        times = self._clock.times(batch)
         quantities = derive.per_estimator(batch, self._header)
         network = derive.network(batch, quantities)
+        if self._tracking:
+            more = tracking_numbers.per_estimator(batch, self._header, self._scenario)
+            quantities, network = quantities | more, network | tracking_numbers.network(more)
+            self._tracking.batch(times, batch)
         self._quantities(times, quantities, network)
         self._states(times, batch)
         self._measurements(times, batch)
-        fault_changes = self._faults(batch)
+        # What became of readings says more than these, and is drawn for every sensor.
+        fault_changes = 0 if self._tracking else self._faults(batch)
         if self._scene:
             self._scene.batch(times, batch)
-        self._graph.batch(batch.step, quantities)
+        self._graph.batch(batch, quantities)
         self._summary.batch(batch, quantities, network, fault_changes)
 
-    def finish(self, end: str | None) -> None:
+    def finish(self, end: str | None, more: Sequence[tuple[str, str]] = ()) -> None:
+        """more: further rows of the result in the summary."""
         if self._scene:
             self._scene.finish()
-        colour_range = self._graph.finish(lambda step: time_columns(step, self._header.dt_s))
+        colour_range = self._graph.finish()
+        self._summary.more += more
         self._rec.log("summary", rr.TextDocument(self._summary.text(end, colour_range), media_type="text/markdown"), static=True)
 
     def _quantities(self, times: list, quantities: dict, network: dict) -> None:
         for quantity, values in quantities.items():
+            draw = self._sparse if quantity == "nis_ratio" else self._drawn
             for k, name in enumerate(self._names):
                 path = f"{quantity}/{estimator_path(self._header, k)}"
-                self._series(path, times, values[:, k], names=name, colors=self._colours[k], widths=1.0)
+                draw(path, times, values[:, k], width=1.0, names=name, colors=self._colours[k])
             for summary, row in network[quantity].items():
                 colour, width = _SUMMARY_STYLE[summary]
-                self._series(f"{quantity}/network/{summary}", times, row, names=summary, colors=colour, widths=width)
+                draw(f"{quantity}/network/{summary}", times, row, names=summary, colors=colour, width=width)
         ones = np.ones(len(quantities["nis_ratio"]))
-        self._series("nis_ratio/expected", times, ones, names="expected: 1", colors=colours.REFERENCE, widths=1.0)
+        self._series.lines("nis_ratio/expected", times, ones, names="expected: 1", colors=colours.REFERENCE, widths=1.0)
 
     def _states(self, times: list, batch: Batch) -> None:
         """One entity a state with all estimators in it: a node in each entity would make states x nodes entities."""
         for i in range(self._header.states):
             estimates = derive.finite(batch.estimate[:, :, i])
-            self._series(f"state/{i}/estimates", times, estimates, names=self._names, colors=self._colours, widths=1.0)
+            self._series.lines(f"state/{i}/estimates", times, estimates, names=self._names, colors=self._colours, widths=1.0)
             for summary, function in (("median", np.nanmedian), ("smallest", np.nanmin), ("largest", np.nanmax)):
                 row = derive.quietly(function, estimates)
                 colour = colours.WORST if summary != "median" else colours.MEDIAN
-                self._series(f"state/{i}/network/{summary}", times, row, names=summary, colors=colour, widths=1.5)
+                self._series.lines(f"state/{i}/network/{summary}", times, row, names=summary, colors=colour, widths=1.5)
             if batch.truth is not None:
                 truth = derive.finite(batch.truth[:, i])
-                self._series(f"state/{i}/truth", times, truth, names="truth", colors=colours.TRUTH, widths=3.0)
+                self._series.lines(f"state/{i}/truth", times, truth, names="truth", colors=colours.TRUTH, widths=3.0)
 
     def _measurements(self, times: list, batch: Batch) -> None:
         first = 0
@@ -114,17 +133,19 @@ class Recorder:
             first += rows
             if rows:
                 names = [f"node {k}" if rows == 1 else f"node {k}, row {r}" for r in range(rows)]
-                style = {"names": names, "colors": np.full(rows, node_colours[k]), "widths": 1.0}
-                self._series(f"measurement/node/{k}", times, values, **style)
+                self._sparse(f"measurement/node/{k}", times, values, names=names, colors=np.full(rows, node_colours[k]))
 
-    def _series(self, path: str, times: list, values: np.ndarray, **style: object) -> None:
-        if path not in self._styled:
-            self._styled.add(path)
-            self._rec.log(path, rr.SeriesLines(**style), static=True)
-        columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values, dtype=np.float64).reshape(-1))
-        if values.ndim == 2:
-            columns = columns.partition(np.full(len(values), values.shape[1]))
-        self._rec.send_columns(path, times, columns)
+    def _drawn(self, path: str, times: list, values: np.ndarray, *, width: float, **style: object) -> None:
+        self._series.lines(path, times, values, widths=width, **style)
+
+    def _sparse(self, path: str, times: list, values: np.ndarray, *, width: float = 1.0, **style: object) -> None:
+        """What a tracking log does not have in every step is drawn as points: a line between gaps would not be seen. Lines are quicker."""
+        if path not in self._gaps:
+            self._gaps[path] = bool(self._tracking) and not np.isfinite(values).all()
+        if self._gaps[path]:
+            self._series.points(path, times, values, marker_sizes=1.0 + width, **style)
+        else:
+            self._drawn(path, times, values, width=width, **style)
 
     def _faults(self, batch: Batch) -> int:
         """An entry when a node's faults change: a lasting fault would otherwise fill the log with the same line."""
@@ -136,22 +157,10 @@ class Recorder:
         if len(at):
             texts = [f"{self._names[k]}: {fault_text(int(mask))}" for k, mask in zip(who, masks)]
             levels = ["WARN" if mask else "INFO" for mask in masks]
-            times = time_columns(batch.step[at], self._header.dt_s)
+            times = self._clock.times(batch, at)
             self._rec.send_columns("faults", times, rr.TextLog.columns(text=texts, level=levels))
         return int(np.count_nonzero(masks))
 
 
 def fault_text(mask: int) -> str:
     return ", ".join(_FAULTS.get(bit, f"fault bit {bit}") for bit in range(32) if mask >> bit & 1) or "faults over"
-
-
-def time_columns(step: np.ndarray, dt_s: float) -> list:
-    """The timelines `step` and `sim_time`. Nanoseconds as integers: rerun truncates a column of float seconds."""
-    with np.errstate(invalid="ignore"):
-        ns = np.rint(step * (dt_s * 1e9))
-    if not ns.max() < _LARGEST_NS:  # also where 0 times infinity made NaN
-        raise LogError(f"step {step.max()} with dt_s = {dt_s:g} is beyond the clock of rerun (292 years)")
-    return [
-        rr.TimeColumn("step", sequence=step),
-        rr.TimeColumn("sim_time", duration=ns.astype("timedelta64[ns]")),
-    ]

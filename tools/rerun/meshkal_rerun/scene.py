@@ -20,6 +20,7 @@ class Scene:
         self._rec = rec
         self._position_states = scenario.position_states
         self._path: list[np.ndarray] = []  # every known true position, for the whole path
+        self._path_of = "truth"
         self._recent = np.zeros((0, 3), dtype=np.float32)  # the last of them, for the trail
         # Negative radii are sizes on the screen, which suit any scale of the scene.
         self._style("scene/estimates", rr.Points3D, colors=node_colours, labels=names, show_labels=False, radii=-4.0)
@@ -65,21 +66,26 @@ class Scene:
         # An empty row, not a missing one: otherwise the last known truth would stay in the picture.
         columns = rr.Points3D.columns(positions=positions[known]).partition(known.astype(np.int64))
         self._rec.send_columns("scene/truth", times, columns)
-
-        points = np.concatenate([self._recent, positions[known]])
-        ends = len(self._recent) + np.cumsum(known)
-        strips = [points[max(0, end - TRAIL_STEPS) : end] for end in ends]
-        self._rec.send_columns("scene/truth_trail", times, rr.LineStrips3D.columns(strips=strips))
-        self._recent = points[-TRAIL_STEPS:]
+        self._recent = send_trail(self._rec, "scene/truth_trail", times, self._recent, positions)
         self._path.append(positions[known])
 
     def finish(self) -> None:
         if self._path:
             path = np.concatenate(self._path)
-            self._rec.log("scene/truth_path", rr.LineStrips3D([path], colors=colours.LINK, radii=-0.5), static=True)
+            self._rec.log(f"scene/{self._path_of}_path", rr.LineStrips3D([path], colors=colours.LINK, radii=-0.5), static=True)
 
     def _style(self, path: str, archetype: type, **fields: object) -> None:
         self._rec.log(path, archetype.from_fields(**fields), static=True)
+
+
+def send_trail(rec: rr.RecordingStream, path: str, times: list, recent: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """Lines through the last known positions before each step. `recent`: those before the first one; returned: those after the last."""
+    known = np.isfinite(positions).all(axis=1)
+    points = np.concatenate([recent, positions[known]])
+    ends = len(recent) + np.cumsum(known)
+    strips = [points[max(0, end - TRAIL_STEPS) : end] for end in ends]
+    rec.send_columns(path, times, rr.LineStrips3D.columns(strips=strips))
+    return points[-TRAIL_STEPS:]
 
 
 def ellipsoids(packed: np.ndarray, sigmas: float) -> tuple[np.ndarray, np.ndarray]:
@@ -118,13 +124,17 @@ def viewpoint(scenario: Scenario, batch: Batch) -> tuple[np.ndarray, np.ndarray]
     """Eye and target that show the sensors and where the truth (else the estimates) goes: from above if all is in a plane."""
     states = batch.estimate.reshape(-1, batch.estimate.shape[-1]) if batch.truth is None else batch.truth
     points = positions_of(states, scenario.position_states).astype(np.float64)
-    if scenario.node_positions_m is not None:
-        points = np.concatenate([points, scenario.node_positions_m])
+    sensors = np.zeros((0, 3)) if scenario.node_positions_m is None else scenario.node_positions_m
+    sensors = sensors[np.isfinite(sensors).all(axis=1)]
+    if not scenario.sensors:
+        points, sensors = np.concatenate([points, sensors]), sensors[:0]
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) == 0:
-        points = np.zeros((1, 3))
-    # Percentiles: what diverges must not push the rest out of sight.
+        points = sensors if len(sensors) else np.zeros((1, 3))
+    # Percentiles: what diverges must not push the rest out of sight. Of a tracking log all sensors are seen: they may be few beside the
+    # instants, and the target may be near some of them only.
     low, high = np.percentile(points, [1, 99], axis=0)
+    low, high = np.vstack([sensors, low]).min(axis=0), np.vstack([sensors, high]).max(axis=0)
     target = (low + high) / 2.0
     planar = high[2] - low[2] < 0.05 * (high - low).max()
     direction = np.array([0.0, -0.35, 1.0] if planar else [0.5, -0.9, 0.6])

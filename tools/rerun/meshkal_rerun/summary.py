@@ -31,6 +31,7 @@ class Summary:
         self._infinite = 0
         self._last_rms_db: float | None = None
         self._has_estimates_arrived = False
+        self.more: list[tuple[str, str]] = []  # further rows of the result
 
     def batch(self, batch: Batch, quantities: dict, network: dict, fault_entries: int) -> None:
         self._steps += len(batch.step)
@@ -53,7 +54,7 @@ class Summary:
             self._last_rms_db = float(network["error_db"]["rms"][-1])
 
     def text(self, end: str | None, colour_range: tuple[float, float] | None) -> str:
-        return "\n\n".join([self._title(), _table("Result", self._result(end)), self._legend(colour_range), _table("Scenario", self._facts())])
+        return "\n\n".join([self._title(), table("Result", self._result(end)), self._legend(colour_range), table("Scenario", self._facts())])
 
     def _title(self) -> str:
         return f"# {self._scenario.name}\n\n{_FILTER_NAMES[self._header.filter]} (`{self._header.filter}`)"
@@ -64,11 +65,11 @@ class Summary:
             with np.errstate(divide="ignore", invalid="ignore"):
                 each = self._squares / self._known
             total = self._squares.sum() / self._known.sum()
-            rows.append(("RMS error, all nodes and steps", _db(total)))
+            rows.append(("RMS error, all nodes and steps", db(total)))
             rows.append(("RMS error, last step", "unknown" if np.isnan(self._last_rms_db) else f"{self._last_rms_db:z.1f} dB"))
             if self._header.estimators > 1:
                 best, worst = int(np.nanargmin(each)), int(np.nanargmax(each))
-                rows.append(("best and worst node", f"{self._names[best]}: {_db(each[best])}, {self._names[worst]}: {_db(each[worst])}"))
+                rows.append(("best and worst node", f"{self._names[best]}: {db(each[best])}, {self._names[worst]}: {db(each[worst])}"))
         else:
             rows.append(("error", "no truth in the log"))
         if self._infinite:
@@ -136,12 +137,12 @@ class Summary:
         return "\n".join(lines)
 
 
-def _db(mean_square: float) -> str:
+def db(mean_square: float) -> str:
     with np.errstate(divide="ignore"):
         return f"{10.0 * np.log10(mean_square):z.1f} dB"
 
 
-def _table(heading: str, rows: list[tuple[str, str]]) -> str:
+def table(heading: str, rows: list[tuple[str, str]]) -> str:
     lines = [f"| {heading} | |", "|---|---|"]
     lines += [f"| {name} | {value} |" for name, value in rows]
     return "\n".join(lines)

@@ -1,0 +1,14 @@
+/* SPDX-License-Identifier: MIT */
+/* Sealed frames of the vectors: by libsodium on the host, by Monocypher on targets, with one key. */
+#ifndef FIRMWARE_VECTORS_SEAL_H
+#define FIRMWARE_VECTORS_SEAL_H
+
+#include <meshkal/frame.h>
+
+static const uint8_t vectors_key[32] = {0x3f, 0x90, 0xb2, 0x4c, 0x11, 0xd8, 0x6a, 0xe7, 0x52, 0x0d, 0xc9, 0x74, 0xa6, 0x1b, 0xf3, 0x88,
+                                        0x25, 0xde, 0x47, 0x9c, 0x60, 0xfb, 0x03, 0xb5, 0x7e, 0x19, 0xca, 0x84, 0x31, 0xed, 0x56, 0xaf};
+
+/* Given by vectors_seal_host.c or vectors_seal_target.c. */
+void vectors_aead(mk_aead_t *aead);
+
+#endif

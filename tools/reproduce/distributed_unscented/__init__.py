@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: MIT
+"""Wang et al., "Coordinated Target Tracking by Distributed Unscented Information Filter in Sensor Networks with Measurement Constraints",
+Mathematical Problems in Engineering 2013, 402732."""
+
+from pathlib import Path
+
+from logs import record
+from seeds import folder_of
+
+from . import figures, results
+from .batches import RECORDED, compute, load
+
+__all__ = ["compute", "report"]
+
+
+def report(out: Path, seeds: range) -> int:
+    """Tables, figures and the recording of one run from the files of the batches. 1 if a batch is missing or something that must hold does not; all there is to
+    show is shown before."""
+    batches, errors = load(out, seeds)
+    status = results.write(out, batches, errors)
+    if batches:
+        figures.write(out, batches)
+        folder = folder_of(out, batches[0].seed)
+        record([folder / f"{name}.cbor" for name in RECORDED], out / "distributed-unscented.rrd")
+    return status

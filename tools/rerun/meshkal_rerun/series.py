@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: MIT
+"""Numbers over time, in columns: one row at a time is a hundred times slower."""
+
+import numpy as np
+import rerun as rr
+
+from .reader import Batch, Header, LogError
+
+_LARGEST_NS = (1 << 63) - 1
+# A log that starts later, in 2001, is taken to count from 1970, and its times are shown as date and time of day, UTC.
+_UNIX_TIMES_S = 1e9
+
+
+class Series:
+    """Sends numbers; the style of an entity is sent with its first ones."""
+
+    def __init__(self, rec: rr.RecordingStream, *, envelope: bool = False) -> None:
+        """envelope: where there are more numbers than pixels, lines show the smallest and the largest of them; else the viewer draws the
+        middle of the two, which none of them needs to be."""
+        self.rec = rec
+        self._line_style = {"aggregation_policy": rr.components.AggregationPolicy.MinMax} if envelope else {}
+        self._styled: set[str] = set()
+
+    def lines(self, path: str, times: list, values: np.ndarray, **style: object) -> None:
+        self._send(path, times, values, rr.SeriesLines, style | self._line_style)
+
+    def points(self, path: str, times: list, values: np.ndarray, **style: object) -> None:
+        """For what is known at some instants only: a line between gaps would be nothing at all."""
+        self._send(path, times, values, rr.SeriesPoints, style)
+
+    def has(self, path: str) -> bool:
+        return path in self._styled
+
+    def first(self, path: str) -> bool:
+        """Whether this is the first that is sent to this entity; from now on it is not."""
+        known = path in self._styled
+        self._styled.add(path)
+        return not known
+
+    def _send(self, path: str, times: list, values: np.ndarray, archetype: type, style: dict) -> None:
+        if self.first(path):
+            self.rec.log(path, archetype(**style), static=True)
+        columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values, dtype=np.float64).reshape(-1))
+        if values.ndim == 2:
+            columns = columns.partition(np.full(len(values), values.shape[1]))
+        self.rec.send_columns(path, times, columns)
+
+
+class Clock:
+    """The timelines of a log: `step`, and `sim_time` from the length of a step or `time_s` from a log that has it."""
+
+    def __init__(self, header: Header) -> None:
+        self._header = header
+
+    def times(self, batch: Batch, at: np.ndarray | slice = slice(None)) -> list:
+        return self.columns(batch.step[at], None if batch.time_s is None else batch.time_s[at])
+
+    def columns(self, step: np.ndarray, time_s: np.ndarray | None) -> list:
+        """Nanoseconds as integers: rerun truncates a column of float seconds."""
+        dt_s = self._header.dt_s
+        with np.errstate(invalid="ignore", over="ignore"):
+            ns = np.rint(step * (dt_s * 1e9) if time_s is None else time_s * 1e9)
+        if len(ns) and not np.abs(ns).max() < _LARGEST_NS:  # also where 0 times infinity made NaN
+            what = f"step {step.max()} with dt_s = {dt_s:g}" if time_s is None else f"time_s = {time_s[np.abs(time_s).argmax()]:g}"
+            raise LogError(f"{what} is beyond the clock of rerun (292 years)")
+        seconds = seconds_timeline(self._header)
+        if self._header.start_s >= _UNIX_TIMES_S:
+            clock = rr.TimeColumn(seconds, timestamp=ns.astype("int64").astype("datetime64[ns]"))
+        else:
+            clock = rr.TimeColumn(seconds, duration=ns.astype("timedelta64[ns]"))
+        return [rr.TimeColumn("step", sequence=step), clock]
+
+
+def seconds_timeline(header: Header) -> str:
+    return "time_s" if header.tracking else "sim_time"
