@@ -172,6 +172,9 @@ def test_gaps_and_truth_are_reported(track, run, tmp_path):
     _, whole = track(r, "ukf")
     assert whole["notes"] == [] and whole["longest_gap_s"] == np.diff(r.t).max() and whole["duration_s"] == r.t[-1] - r.t[0]
     assert whole["from_step"] == whole["steps"] // 2 + 1
+    for patience, notes in ((0, ["the gate has no way back"]), (1, [])):
+        _, whole = track(r, "ukf", gate=GATE | {"patience": patience})
+        assert [note[:24] for note in whole["notes"]] == notes
     # A stray time stamp.
     r.t[500] = 0.0
     _, whole = track(r, "ukf")

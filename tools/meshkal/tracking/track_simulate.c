@@ -201,8 +201,8 @@ static int spanned_by_ranges(const mk_scenario_t *s) {
 static void note_mirror(const mk_scenario_t *s, json_t *notes) {
     const int d = s->position_count, axes = d >= 2 ? spanned_by_ranges(s) : -1;
     if (axes < 0 || axes >= d) return;
-    add_note(notes, "all distances are measured from places %s: the target's mirror image fits them as well, and after a gap or near them filters can go over to it: move a "
-                    "sensor out of there",
+    add_note(notes, "all distances are measured from places %s: the target's mirror image fits them as well, and after a gap or near them "
+                    "filters can go over to it: move a sensor out of there",
              axes == 0 ? "that are one point" : axes == 1 ? "on one line" : "in one plane");
 }
 
@@ -210,8 +210,15 @@ static void note_mirror(const mk_scenario_t *s, json_t *notes) {
 static void note_gap(const mk_events_facts_t *facts, json_t *notes) {
     const double others = facts->last_s - facts->start_s - facts->longest_gap_s;
     if (facts->drawn || facts->steps < 3 || !(facts->longest_gap_s > LONG_GAP * others / (double)(facts->steps - 2))) return;
-    add_note(notes, "%.6g s without a reading, from t = %.15g on, %.3g times the mean interval of the others: a wrong time stamp?", facts->longest_gap_s,
-             facts->longest_gap_from_s, facts->longest_gap_s / others * (double)(facts->steps - 2));
+    add_note(notes, "%.6g s without a reading, from t = %.15g on, %.3g times the mean interval of the others: a wrong time stamp?",
+             facts->longest_gap_s, facts->longest_gap_from_s, facts->longest_gap_s / others * (double)(facts->steps - 2));
+}
+
+/* Recordings hold more than the gate's model of them. */
+static void note_patience(const mk_track_campaign_t *c, json_t *notes) {
+    if (c->facts.drawn || !c->scenario->tracking->gate.exists || c->scenario->tracking->gate.patience > 0) return;
+    add_note(notes, "the gate has no way back: a filter that loses its target, as in a gap, may refuse all readings from then on: set tracking.gate.patience, 10 "
+                    "where readings come one at a time");
 }
 
 /* --- the work --------------------------------------------------------------------------------------------------------------- */
@@ -260,6 +267,7 @@ static int run_written(mk_track_campaign_t *c, const char *json, int *interrupte
         note_network(c->scenario, c->filter, notes);
         note_mirror(c->scenario, notes);
         note_gap(&c->facts, notes);
+        note_patience(c, notes);
         status = run_filters(c, filters, notes, interrupted, error);
         if (json) {
             mk_error_t file_error;
