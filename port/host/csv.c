@@ -63,8 +63,9 @@ int mk_csv_read(mk_csv_t *csv, const char *path, int columns, const char *const 
         if (end) *end = 0;
         line++;
         const char first = at[strspn(at, " \r")];
-        if (first != '#' && !headed) good = headed = check_header(path, line, at, columns, names, error);
-        else if (first != '#' && first != 0) good = read_line(csv, at, line, names, error);
+        const int empty = first == '#' || first == 0;
+        if (!empty && !headed) good = headed = check_header(path, line, at, columns, names, error);
+        else if (!empty) good = read_line(csv, at, line, names, error);
         at = end ? end + 1 : NULL;
     }
     if (good && !headed) good = mk_fail(error, "%s: empty", path);

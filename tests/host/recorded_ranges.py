@@ -106,7 +106,7 @@ def scenario(recording, **tracking):
     middle = [ROOM[0] / 2, ROOM[1] / 2, 1.0][:dimensions]
     return {"model": {"motion": "constant-velocity", "states": STATES[dimensions], "acceleration_psd": [0.3, 0.3, 0.1][:dimensions],
                       "x0": middle + [0.0] * dimensions, "P0": np.diag([9.0, 4.0, 0.25][:dimensions] + [1.0] * dimensions).tolist()},
-            "nodes": [{"sensor": "range", "position_m": list(map(float, p)), "R": [[SIGMA**2]]} for p in recording.anchors],
+            "nodes": [{"sensor": "range", "position_m": list(map(float, p)), "R": [[round(SIGMA**2, 9)]]} for p in recording.anchors],
             "edges": [[i, (i + 1) % n] for i in range(n)] + [[i, i + n // 2] for i in range(n // 2)], "tracking": tracking}
 
 

@@ -40,8 +40,8 @@ static int sort_entries(const char *path, entry_t *entry, size_t *count, long *r
         } else if (entry[i].value == before->value) {
             ++*repeated;
         } else {
-            return mk_fail(error, "%s:%ld: a second value for the same place: line %ld has it, too, and says %.15g, not %.15g: keep one of them, or give them "
-                                  "different times",
+            return mk_fail(error, "%s:%ld: a second value for the same place: line %ld has it, too, and says %.15g, not %.15g: keep one of them, "
+                                  "or give them different times",
                            path, entry[i].line, before->line, before->value, entry[i].value);
         }
     }
@@ -178,8 +178,9 @@ static int read_truth(mk_events_t *events, const char *path, mk_error_t *error) 
     good = good && (count > 0 || mk_fail(error, "%s: no truth", path));
     if (good) match(events, entry, count);
     if (good && events->facts.with_truth == 0)
-        good = mk_fail(error, "%s: no truth at any instant: it is for %.15g to %.15g s, the measurements are for %.15g to %.15g s: two clocks, or two units?", path,
-                       entry[0].t, entry[count - 1].t, events->time[0], events->facts.last_s);
+        good = mk_fail(error, "%s: no truth at any instant: it is for %.15g to %.15g s, the measurements are for %.15g to %.15g s: two clocks, "
+                              "or two units?",
+                       path, entry[0].t, entry[count - 1].t, events->time[0], events->facts.last_s);
     if (good) events->facts.half = second_half(events);
     free(entry);
     mk_csv_free(&csv);

@@ -166,12 +166,59 @@ static void note_network(const mk_scenario_t *s, const mk_tracking_filter_t *onl
     free(part);
 }
 
+/* Dimensions of the smallest line, plane, ... through all places that distances are measured from; -1: some sensor sees more than distances. */
+static int spanned_by_ranges(const mk_scenario_t *s) {
+    const int d = s->position_count;
+    double axis[3][3], origin[3] = {0.0, 0.0, 0.0};
+    int axes = 0, places = 0;
+    for (int k = 0; k < s->nodes; k++) {
+        const mk_sensor_kind_t kind = s->tracking->node[k].kind;
+        if (kind == MK_SENSOR_NONE) continue;
+        if (kind != MK_SENSOR_RANGE && kind != MK_SENSOR_RANGE_RATE && kind != MK_SENSOR_TDOA) return -1;
+        for (int which = 0; which < (kind == MK_SENSOR_TDOA ? 2 : 1); which++) {
+            const double *const place = which ? s->tracking->node[k].reference_m : s->sensor[k].position_m;
+            double v[3] = {0.0, 0.0, 0.0}, size = 0.0, left = 0.0;
+            if (places++ == 0) memcpy(origin, place, (size_t)d * sizeof *origin);
+            for (int i = 0; i < d; i++) {
+                v[i] = place[i] - origin[i];
+                size += v[i] * v[i];
+            }
+            for (int a = 0; a < axes; a++) {
+                double along = 0.0;
+                for (int i = 0; i < d; i++) along += axis[a][i] * v[i];
+                for (int i = 0; i < d; i++) v[i] -= along * axis[a][i];
+            }
+            for (int i = 0; i < d; i++) left += v[i] * v[i];
+            if (axes == d || !(left > 1e-12 * size)) continue;
+            for (int i = 0; i < d; i++) axis[axes][i] = v[i] / sqrt(left);
+            axes++;
+        }
+    }
+    return places ? axes : -1;
+}
+
+/* With ranges to places on a line (in a plane, in three dimensions) the mirror image fits as well. */
+static void note_mirror(const mk_scenario_t *s, json_t *notes) {
+    const int d = s->position_count, axes = d >= 2 ? spanned_by_ranges(s) : -1;
+    if (axes < 0 || axes >= d) return;
+    add_note(notes, "all distances are measured from places %s: the target's mirror image fits them as well, and after a gap or near them "
+                    "filters can go over to it: move a sensor out of there",
+             axes == 0 ? "that are one point" : axes == 1 ? "on one line" : "in one plane");
+}
+
 /* A time stamp that is far from all others makes a prediction over years. */
 static void note_gap(const mk_events_facts_t *facts, json_t *notes) {
     const double others = facts->last_s - facts->start_s - facts->longest_gap_s;
     if (facts->drawn || facts->steps < 3 || !(facts->longest_gap_s > LONG_GAP * others / (double)(facts->steps - 2))) return;
-    add_note(notes, "%.6g s without a reading, from t = %.15g on, %.3g times the mean interval of the others: a wrong time stamp?", facts->longest_gap_s,
-             facts->longest_gap_from_s, facts->longest_gap_s / others * (double)(facts->steps - 2));
+    add_note(notes, "%.6g s without a reading, from t = %.15g on, %.3g times the mean interval of the others: a wrong time stamp?",
+             facts->longest_gap_s, facts->longest_gap_from_s, facts->longest_gap_s / others * (double)(facts->steps - 2));
+}
+
+/* Recordings hold more than the gate's model of them. */
+static void note_patience(const mk_track_campaign_t *c, json_t *notes) {
+    if (c->facts.drawn || !c->scenario->tracking->gate.exists || c->scenario->tracking->gate.patience > 0) return;
+    add_note(notes, "the gate has no way back: a filter that loses its target, as in a gap, may refuse all readings from then on: set tracking.gate.patience, 10 "
+                    "where readings come one at a time");
 }
 
 /* --- the work --------------------------------------------------------------------------------------------------------------- */
@@ -218,7 +265,9 @@ static int run_written(mk_track_campaign_t *c, const char *json, int *interrupte
     int status = json && !mk_open_output(&file, json, error) ? MK_EXIT_INPUT : 0;
     if (!status) {
         note_network(c->scenario, c->filter, notes);
+        note_mirror(c->scenario, notes);
         note_gap(&c->facts, notes);
+        note_patience(c, notes);
         status = run_filters(c, filters, notes, interrupted, error);
         if (json) {
             mk_error_t file_error;
