@@ -166,6 +166,7 @@ static int read_gate(mk_reader_t *reader, json_t *gate, mk_gate_settings_t *sett
     static const char *const keys[] = {"significance", "sensor", "stacked", "policy", "patience", "filters", NULL}, *const policies[] = {"skip", "inflate", NULL};
     if (!gate) return 1;
     settings->exists = 1;
+    settings->patience = MK_TRACKING_PATIENCE;
     if (!mk_read_keys(reader, gate, key, keys) || !mk_read_member(reader, gate, key, "significance", 1) ||
         !mk_read_between(reader, gate, key, "significance", DBL_MIN, 1.0 - DBL_EPSILON / 2, "between 0 and 1", &settings->significance) ||
         !read_flag(reader, json_object_get(gate, "sensor"), "tracking.gate.sensor", &settings->sensor) ||

@@ -42,7 +42,7 @@ typedef struct {
 } mk_tracking_node_t;
 
 #define MK_TRACKING_FILTERS {"ekf", "ukf", "iukf", "iukf-literal", "pukf", "mpukf", "duif", "kcf", "rekfd"}
-enum { MK_TRACKING_FILTER_COUNT = 9 };
+enum { MK_TRACKING_FILTER_COUNT = 9, MK_TRACKING_PATIENCE = 10 };
 
 typedef struct {
     int exists;           /* 0: no gate */

@@ -191,7 +191,7 @@ def test_keys_of_tracking_are_no_keys_of_linear_scenarios(refused, tmp_path):
     assert refused(tmp_path, "draw", "{}/s.json").endswith('s.json: the model is linear (no "motion"): draw is for tracking')
 
 
-@pytest.mark.parametrize("command", ["design", "analyze", "fit"])
+@pytest.mark.parametrize("command", ["analyze", "fit"])
 def test_commands_for_linear_scenarios(refused, tmp_path, command):
     (tmp_path / "s.json").write_text(json.dumps(RIGHT, indent=1))
     extra = ("--states", "x.csv", "--measurements", "y.csv") if command == "fit" else ()

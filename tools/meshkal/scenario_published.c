@@ -17,7 +17,7 @@ static void print_incomplete(unsigned long long seed) {
     (void)printf(" \"edges\": [[0, 1], [0, 2]],\n"
                  " \"reading_loss\": 0.1,\n"
                  " \"tracking\": {\"transform\": {\"kind\": \"julier\", \"kappa\": -1}, \"increments\": 30, \"rule\": \"innovation\",\n"
-                 "  \"gate\": {\"significance\": 1e-3, \"sensor\": false, \"stacked\": true, \"policy\": \"skip\", \"filters\": [\"mpukf\"]}},\n"
+                 "  \"gate\": {\"significance\": 1e-3, \"sensor\": false, \"stacked\": true, \"policy\": \"skip\", \"patience\": 0, \"filters\": [\"mpukf\"]}},\n"
                  " \"steps\": 60, \"seed\": %llu}\n",
                  seed);
 }

@@ -66,6 +66,7 @@ static int change_settings(const mk_simulate_options_t *a, mk_scenario_t *s, mk_
     if (!tracking->gate.exists) {
         tracking->gate.sensor = tracking->gate.stacked = 1;
         tracking->gate.filters = (1u << MK_TRACKING_FILTER_COUNT) - 1u;
+        tracking->gate.patience = MK_TRACKING_PATIENCE;
         tracking->gate.exists = 1;
     }
     if (!mk_option_real("gate", a->gate, 0.0, 1.0, &tracking->gate.significance, error)) return 0;
