@@ -11,6 +11,10 @@ check "README example has at most 30 lines" test "$(wc -l <"$out/example.c")" -l
 awk '/^## Put it on your node/ {here = 1} here && /^```c$/ {on = 1; next} /^```$/ {if (on) exit} on' README.md >"$out/application.c"
 check "README shows the demo's application" sh -c "tail -n +3 tests/firmware/demo/main.c | cmp - $out/application.c"
 
+# The loop under "On a node" is the one of that file.
+awk '/^### On a node/ {here = 1} here && /^```c$/ {on = 1; next} /^```$/ {if (on) exit} on' README.md >"$out/loop.c"
+check "README shows the loop of range_node.c" sh -c "awk '/once a second/ {on = 1; next} /report\\(/ {exit} on' tests/package/range_node.c | cmp - $out/loop.c"
+
 stage=$PWD/$out/stage
 check "make install" make -s install BUILD="$build" DESTDIR="$stage" PREFIX=/usr
 export PKG_CONFIG_PATH="$stage/usr/lib/pkgconfig" PKG_CONFIG_SYSROOT_DIR="$stage"
