@@ -200,11 +200,7 @@ MK_DECLARE_DUIF_CORE(f64)
         if (!secure) return MK_ERROR_ARGUMENT;                                                                                \
         const mk_duif_view_##real##_t view = name##_view(f, 0);                                                               \
         const mk_secure_t before = secure->core;                                                                              \
-        secure->core.aead = aead;                                                                                             \
-        secure->core.sequence = sequence;                                                                                     \
-        secure->core.window = secure->window;                                                                                 \
-        secure->core.text = secure->text;                                                                                     \
-        secure->core.capacity = (uint16_t)sizeof secure->text;                                                                \
+        secure->core = mk_secure_make(aead, sequence, secure->window, secure->text, sizeof secure->text);                     \
         const mk_status_t status = mk_duif_secure_##real(&view, &secure->core);                                               \
         if (status != MK_OK) secure->core = before;                                                                           \
         return status;                                                                                                        \

@@ -121,6 +121,17 @@ typedef struct {
     uint16_t capacity;   /* its bytes */
 } mk_secure_t;
 
+/* For the typed functions name_secure. */
+MK_INLINE mk_secure_t mk_secure_make(const mk_aead_t *aead, uint64_t sequence, mk_replay_t *window, uint8_t *text, size_t capacity) {
+    mk_secure_t secure;
+    secure.aead = aead;
+    secure.sequence = sequence;
+    secure.window = window;
+    secure.text = text;
+    secure.capacity = (uint16_t)capacity;
+    return secure;
+}
+
 /* Is this sequence number new? It is marked by mk_replay_mark only, once the seal has opened. */
 int mk_replay_new(const mk_replay_t *window, uint64_t sequence);
 void mk_replay_mark(mk_replay_t *window, uint64_t sequence);

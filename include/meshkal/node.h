@@ -230,11 +230,7 @@ MK_DECLARE_NODE_CORE(f64)
         if (!secure) return MK_ERROR_ARGUMENT;                                                                                \
         const mk_node_view_##real##_t view = name##_node_view(f, 0);                                                          \
         const mk_secure_t before = secure->core;                                                                              \
-        secure->core.aead = aead;                                                                                             \
-        secure->core.sequence = sequence;                                                                                     \
-        secure->core.window = secure->window;                                                                                 \
-        secure->core.text = secure->text;                                                                                     \
-        secure->core.capacity = (uint16_t)sizeof secure->text;                                                                \
+        secure->core = mk_secure_make(aead, sequence, secure->window, secure->text, sizeof secure->text);                     \
         const mk_status_t status = mk_node_secure_##real(&view, &secure->core, slot_count);                                   \
         if (status != MK_OK) secure->core = before;                                                                           \
         return status;                                                                                                        \

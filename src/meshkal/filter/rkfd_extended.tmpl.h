@@ -24,9 +24,7 @@ mk_status_t MK_F(mk_extended_observe)(int n, int m, const MK_F_T(mk_rkfd_view) *
     mk_status_t status = MK_F(mk_extended_linearise)(n, rows, &sensor->model, MK_R(0.0), view->x, h, C);
     if (status != MK_OK) return status;
     for (int i = rows * n; i < m * n; i++) C[i] = MK_R(0.0);
-    if (sensor->model.space) sensor->model.space->difference(sensor->model.space->context, z, h, e);
-    else
-        for (int r = 0; r < rows; r++) e[r] = z[r] - h[r];
+    MK_F(mk_space_difference)(sensor->model.space, rows, z, h, e);
     if (!MK_F(mk_all_finite)(rows, e)) return MK_ERROR_NOT_FINITE;
     status = MK_F(mk_rkfd_sensor)(n, m, rows, C, sensor->R, model->F + slot * m * n, model->S + slot * packed,
                                   model->R_inverse + slot * MK_AT(m, 0), work);
