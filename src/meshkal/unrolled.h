@@ -119,7 +119,7 @@
         return mk_inline_absorb_##real(n, u, first, rows, scale, L, x);                                                       \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_update(name##_t *f) {                                                                        \
-        static const mk_unscented_kernels_##real##_t kernels = {name##_stack, name##_absorb};                                 \
+        const mk_unscented_kernels_##real##_t kernels = {name##_stack, name##_absorb};                                        \
         mk_##real##_t work[MK_UNSCENTED_UPDATE_WORK(n, m, slot_count)];                                                       \
         const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
         return mk_unscented_update_with_##real(n, m, slot_count, &view, &kernels);                                            \

@@ -157,7 +157,7 @@ def test_way_back(simulate, tmp_path, name):
     _, steps, f, _ = simulate(sure, name, "--measurements", tmp_path / "y.csv")
     far, near = (np.linalg.norm(steps[t]["estimate"][:2] - path[t]) for t in (1, 59))
     assert f["counts"]["reinitialised"] >= 1 and far > 5 and near < 1
-    _, _, f, _ = simulate(changed(sure, tracking__gate={"significance": 1e-4}), name, "--measurements", tmp_path / "y.csv")
+    _, _, f, _ = simulate(changed(sure, tracking__gate={"significance": 1e-4, "patience": 0}), name, "--measurements", tmp_path / "y.csv")
     assert f["counts"]["reinitialised"] == 0
 
 

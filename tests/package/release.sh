@@ -20,7 +20,7 @@ unit() { # title, C and C++ compiler, programs that pass, options of unit.mk: th
 # The sources are the tree's, whose tests run elsewhere: two programs show that they build here.
 unit "sources, gcc" gcc g++ 2 "UNIT_TESTS='step contract'"
 rm -rf "$tree/build/gcc"
-programs=$(sed -n 's/^UNIT_TESTS := //p' tests/unit/unit.mk | wc -w)
+programs=$(($(ls tests/unit/test_*.c | wc -l) + 1)) # one of them is compiled in two ways
 # Nothing else to be found: include/ and src/ are out of the way.
 mkdir "$out/away" && mv "$tree/include" "$tree/src" "$out/away/"
 for pair in "gcc g++" "clang clang++"; do

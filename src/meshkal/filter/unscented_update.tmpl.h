@@ -9,7 +9,13 @@ static MK_REAL MK_F(mk_shared_absorb)(MK_F_T(mk_updating) * u, int first, int ro
     return MK_F(mk_inline_absorb)(u->n, u, first, rows, scale, L, x);
 }
 
-static const MK_F_T(mk_unscented_kernels) MK_F(mk_shared_kernels) = {MK_F(mk_shared_stack), MK_F(mk_shared_absorb)};
+/* Made when it is needed: a constant one would be data that a loader of position-independent code writes. */
+static MK_F_T(mk_unscented_kernels) MK_F(mk_shared_kernels)(void) {
+    MK_F_T(mk_unscented_kernels) kernels;
+    kernels.stack = MK_F(mk_shared_stack);
+    kernels.absorb = MK_F(mk_shared_absorb);
+    return kernels;
+}
 
 /* Pointers to the parts of the work array; those of linearising and those used between share their place. */
 static void MK_F(mk_updating_open)(int n, int m, int slots, const MK_F_T(mk_unscented_view) * view, const MK_F_T(mk_unscented_kernels) * kernels,
@@ -340,7 +346,8 @@ mk_status_t MK_F(mk_unscented_update_with)(int n, int m, int slots, const MK_F_T
 }
 
 mk_status_t MK_F(mk_unscented_update)(int n, int m, int slots, const MK_F_T(mk_unscented_view) * view) {
-    return MK_F(mk_unscented_update_with)(n, m, slots, view, &MK_F(mk_shared_kernels));
+    const MK_F_T(mk_unscented_kernels) kernels = MK_F(mk_shared_kernels)();
+    return MK_F(mk_unscented_update_with)(n, m, slots, view, &kernels);
 }
 
 mk_status_t MK_F(mk_unscented_predict)(int n, const MK_F_T(mk_unscented_view) * view, MK_REAL dt, const MK_REAL *Q) {
@@ -352,7 +359,8 @@ mk_status_t MK_F(mk_unscented_contribution)(int n, int m, int slots, const MK_F_
     MK_F_T(mk_updating) u;
     if (!s || !S) return MK_ERROR_ARGUMENT;
     if (!view->core->started) return MK_ERROR_ORDER;
-    MK_F(mk_updating_open)(n, m, slots, view, &MK_F(mk_shared_kernels), &u);
+    const MK_F_T(mk_unscented_kernels) kernels = MK_F(mk_shared_kernels)();
+    MK_F(mk_updating_open)(n, m, slots, view, &kernels, &u);
     const mk_status_t status = MK_F(mk_prepare)(&u);
     if (status != MK_OK) return status;
     if (u.rows > 0 && u.nis < MK_R(0.0)) u.nis = MK_F(mk_stack_distance)(&u, 0, u.rows);
