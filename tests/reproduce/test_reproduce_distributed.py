@@ -208,7 +208,7 @@ def test_no_property_is_left_untampered():
 def test_wrong_scale_of_the_information_is_seen(distributed, batches, tmp_path):
     """The trap of the Perron weights: with R / pi instead of R / (N pi) the mean is another, by much."""
     from distributed_unscented.properties import EQUAL
-    from logs import over_time
+    from run_logs import over_time
 
     folder = distributed[0] / "draws" / "seed-1"
     scenario = json.loads((folder / "limit-Perron-mean-scenario.json").read_text())

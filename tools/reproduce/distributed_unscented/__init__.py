@@ -4,7 +4,7 @@ Mathematical Problems in Engineering 2013, 402732."""
 
 from pathlib import Path
 
-from logs import record
+from run_logs import record
 from seeds import folder_of
 
 from . import figures, results

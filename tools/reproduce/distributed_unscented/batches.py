@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import seeds as by_seed
-from logs import over_time
+from run_logs import over_time
 from program import Program, ReproduceError
 from seeds import read_json
 from tracking import settings, summary

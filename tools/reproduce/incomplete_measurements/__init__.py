@@ -3,7 +3,7 @@
 
 from pathlib import Path
 
-from logs import record
+from run_logs import record
 from seeds import folder_of
 
 from . import figures, results
