@@ -23,16 +23,6 @@ typedef struct {
     mk_first_error_t first;
 } nodes_t;
 
-int mk_read_position(mk_reader_t *reader, json_t *position, const char *at, int dimensions, mk_sensor_t *sensor) {
-    char place[80];
-    (void)snprintf(place, sizeof place, "%s.position_m", at);
-    const size_t count = json_is_array(position) ? json_array_size(position) : 0;
-    if (dimensions > 0 && count != (size_t)dimensions) return mk_read_bad(reader, place, "must be %d numbers, as the states have", dimensions);
-    if (count != 2 && count != 3) return mk_read_bad(reader, place, "must be 2 or 3 numbers");
-    sensor->position_count = (int)count;
-    return mk_read_vector(reader, position, place, (int)count, sensor->position_m);
-}
-
 /* Rows of a linear sensor, C and R as they stand; -1 and an error. */
 static int read_linear(mk_reader_t *reader, json_t *node, const char *at, mk_sensor_t *sensor, json_t **C, json_t **R) {
     char place[80];
@@ -45,7 +35,7 @@ static int read_linear(mk_reader_t *reader, json_t *node, const char *at, mk_sen
     if (json_array_size(*C) > MK_LARGEST_STATE)
         return mk_read_bad(reader, place, "has %zu rows; at most %d", json_array_size(*C), MK_LARGEST_STATE) - 1;
     json_t *position = json_object_get(node, "position_m");
-    if (position && !mk_read_position(reader, position, at, 0, sensor)) return -1;
+    if (position && !mk_read_position(reader, position, at, 0, sensor->position_m, &sensor->position_count)) return -1;
     return (int)json_array_size(*C);
 }
 

@@ -6,9 +6,6 @@
 #include "scenario.h"
 #include "scenario_read.h"
 
-/* "position_m" of the node at `at`: 2 or 3 numbers, or exactly `dimensions` where that is above 0. */
-int mk_read_position(mk_reader_t *reader, json_t *position, const char *at, int dimensions, mk_sensor_t *sensor);
-
 /* Fills nodes, sensor and block of a scenario whose model is read, on all cores. 1, or 0 with the reader's error, that of the first node
    in the file. */
 int mk_read_nodes(mk_reader_t *reader, json_t *root, const mk_elements_t *elements, mk_scenario_t *scenario);

@@ -193,3 +193,13 @@ json_t *mk_element(const mk_elements_t *elements, size_t index) {
     json_error_t error;
     return json_loadb(place[0], (size_t)(place[1] - place[0]), JSON_REJECT_DUPLICATES | JSON_DECODE_ANY, &error);
 }
+
+int mk_read_position(mk_reader_t *reader, json_t *position, const char *at, int dimensions, double *position_m, int *counted) {
+    char place[80];
+    (void)snprintf(place, sizeof place, "%s.position_m", at);
+    const size_t count = json_is_array(position) ? json_array_size(position) : 0;
+    if (dimensions > 0 && count != (size_t)dimensions) return mk_read_bad(reader, place, "must be %d numbers, as the states have", dimensions);
+    if (count != 2 && count != 3) return mk_read_bad(reader, place, "must be 2 or 3 numbers");
+    *counted = (int)count;
+    return mk_read_vector(reader, position, place, (int)count, position_m);
+}

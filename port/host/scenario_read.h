@@ -38,6 +38,9 @@ int mk_read_matrix(mk_reader_t *reader, json_t *value, const char *key, int rows
 /* Packed symmetric matrix, positive definite (definite = 1) or semidefinite. */
 int mk_read_symmetric(mk_reader_t *reader, json_t *value, const char *key, int n, int definite, double *packed);
 
+/* "position_m" of the node at `at`: 2 or 3 numbers, or exactly `dimensions` where that is above 0, and how many there are. */
+int mk_read_position(mk_reader_t *reader, json_t *position, const char *at, int dimensions, double *position_m, int *counted);
+
 /* A top-level array, element by element: parsed one at a time where the text can be cut, else out of the tree. */
 typedef struct {
     mk_json_list_t list;

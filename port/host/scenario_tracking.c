@@ -7,7 +7,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "scenario_nodes.h"
 
 static const char *const node_keys[] = {"sensor", "name", "parameters", "position_m", "reference_m", "R", "range_limit_m", "loss", "fault", NULL};
 static const char *const sensor_names[] = {"none", "range", "bearing", "range-bearing", "range-rate", "tdoa", "plugin", NULL};
@@ -91,7 +90,7 @@ int mk_read_tracking_node(mk_reader_t *reader, json_t *node, const char *at, con
     more->kind = (mk_sensor_kind_t)index;
     more->range_limit_m = (double)INFINITY;
     if (more->kind == MK_SENSOR_NONE && !mk_read_keys(reader, node, at, relay_keys)) return -1;
-    if (position && !mk_read_position(reader, position, at, tracking->motion.dimensions, sensor)) return -1;
+    if (position && !mk_read_position(reader, position, at, tracking->motion.dimensions, sensor->position_m, &sensor->position_count)) return -1;
     if (more->kind == MK_SENSOR_NONE) return 0;
     if (!position && more->kind != MK_SENSOR_PLUGIN) {
         (void)mk_read_member(reader, node, at, "position_m", 1);
