@@ -7,7 +7,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-
 static const char *const node_keys[] = {"sensor", "name", "parameters", "position_m", "reference_m", "R", "range_limit_m", "loss", "fault", NULL};
 static const char *const sensor_names[] = {"none", "range", "bearing", "range-bearing", "range-rate", "tdoa", "plugin", NULL};
 static const char *const protocol_names[] = {"paper", "perron", "metropolis", "ratio", NULL};
