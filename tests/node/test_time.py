@@ -17,6 +17,7 @@ def test_state_is_kept_and_taken_up(pair):
     node.feed("".join(f"{clock_step(PERIOD) + i},50,60\n" for i in range(10)))
     time.sleep(0.4)
     node.kill()
+    time.sleep(3 * PERIOD / 1000)  # steps to make up for
     last = max(read_log(pair.folder / "0.cbor")[1])
     node = pair.start(0, "b", state=state, telemetry="b.cbor")
     time.sleep(0.2)
