@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
+from run_logs import record
 from scipy import stats
-from seeds import read_json
+from seeds import folder_of, read_json
 
 STATES = 4
 CONFIDENCE = 0.95
@@ -77,3 +78,15 @@ def settings(**changes: object) -> Change:
                 tracking[key] = value
 
     return apply
+
+
+def report(out: Path, seeds: range, name: str, load: Callable, tables: Callable, figures: Callable, recorded: Iterable[str]) -> int:
+    """Tables, figures and the recording of one run, NAME.rrd, from the files of the batches. 1 if a batch is missing or something that must
+    hold does not; all there is to show is shown before."""
+    batches, errors = load(out, seeds)
+    status = tables(out, batches, errors)
+    if batches:
+        figures(out, batches)
+        folder = folder_of(out, batches[0].seed)
+        record([folder / f"{one}.cbor" for one in recorded], out / f"{name}.rrd")
+    return status

@@ -5,10 +5,7 @@
 static mk_status_t MK_F(mk_extended_linearise)(int n, int rows, const MK_F_T(mk_model) * model, MK_REAL dt, const MK_REAL *x, MK_REAL *y,
                                                   MK_REAL *J) {
     if (!model->function || !model->jacobian) return MK_ERROR_ARGUMENT;
-    mk_status_t status = model->function(model->context, dt, 1, x, y);
-    if (status == MK_OK) status = model->jacobian(model->context, dt, x, J);
-    if (status != MK_OK) return status;
-    return MK_F(mk_all_finite)(rows, y) && MK_F(mk_all_finite)(rows * n, J) ? MK_OK : MK_ERROR_NOT_FINITE;
+    return MK_F(mk_derive)(n, rows, model, dt, x, y, J);
 }
 
 mk_status_t MK_F(mk_extended_observe)(int n, int m, const MK_F_T(mk_rkfd_view) * view, const MK_F_T(mk_extended) * model, int slot,

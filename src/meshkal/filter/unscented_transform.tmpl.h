@@ -85,13 +85,19 @@ MK_KERNEL mk_status_t MK_F(mk_linearise)(int n, int rows, const MK_F_T(mk_model)
     return MK_F(mk_all_finite)(rows, mean) ? MK_OK : MK_ERROR_NOT_FINITE;
 }
 
-/* The same from the model's Jacobian at x. J: rows x n. */
-MK_KERNEL mk_status_t MK_F(mk_extend)(int n, int rows, const MK_F_T(mk_model) * model, MK_REAL dt, const MK_REAL *x, const MK_REAL *L, MK_REAL *J,
-                                      const MK_F_T(mk_linear) * out, MK_REAL *mean) {
-    mk_status_t status = model->function(model->context, dt, 1, x, mean);
+/* y := the function at x, J (rows x n) its derivative there; finite, or a status. */
+MK_KERNEL mk_status_t MK_F(mk_derive)(int n, int rows, const MK_F_T(mk_model) * model, MK_REAL dt, const MK_REAL *x, MK_REAL *y, MK_REAL *J) {
+    mk_status_t status = model->function(model->context, dt, 1, x, y);
     if (status == MK_OK) status = model->jacobian(model->context, dt, x, J);
     if (status != MK_OK) return status;
-    if (!MK_F(mk_all_finite)(rows, mean) || !MK_F(mk_all_finite)(rows * n, J)) return MK_ERROR_NOT_FINITE;
+    return MK_F(mk_all_finite)(rows, y) && MK_F(mk_all_finite)(rows * n, J) ? MK_OK : MK_ERROR_NOT_FINITE;
+}
+
+/* The same as linearising from the model's Jacobian at x. J: rows x n. */
+MK_KERNEL mk_status_t MK_F(mk_extend)(int n, int rows, const MK_F_T(mk_model) * model, MK_REAL dt, const MK_REAL *x, const MK_REAL *L, MK_REAL *J,
+                                      const MK_F_T(mk_linear) * out, MK_REAL *mean) {
+    const mk_status_t status = MK_F(mk_derive)(n, rows, model, dt, x, mean, J);
+    if (status != MK_OK) return status;
     for (int r = 0; r < rows; r++) {
         out->mu[r] = out->epsilon[r] = MK_R(0.0);
         MK_UNROLL for (int j = 0; j < n; j++) {

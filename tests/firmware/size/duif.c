@@ -126,15 +126,7 @@ static void one_step(void) {
 
 int main(void) {
     size_loops();
-    for (int i = 0; i < N; i += 2) {
-        x0[i] = 3.0f;
-        x0[i + 1] = 0.05f;
-        P0[MK_PACKED(i) + i] = 0.1f;
-        P0[MK_PACKED(i + 1) + i + 1] = 1e-3f;
-        Q[MK_PACKED(i) + i] = 1e-5f / 3.0f;
-        Q[MK_PACKED(i + 1) + i] = 5e-6f;
-        Q[MK_PACKED(i + 1) + i + 1] = 1e-5f;
-    }
+    put_motion(x0, P0, Q);
     for (int r = 0; r < M; r++) R[MK_PACKED(r) + r] = 2e-3f;
     for (int i = 0; i < N; i++) truth[i] = x0[i] + (i % 2 == 0 ? 0.1f : 0.01f) * draw();
     for (int k = 0; k < NODES; k++) {
@@ -148,15 +140,6 @@ int main(void) {
     mk_write("steps ");
     mk_write_number(STEPS);
     mk_write("\n");
-    for (int k = 0; k < FUNCTIONS; k++) {
-        mk_write("stack ");
-        mk_write(names[k]);
-        mk_write(" ");
-        mk_write_number(worst[k]);
-        mk_write("\n");
-    }
-    mk_write("ram ");
-    mk_write_number((uint32_t)sizeof all[0].node);
-    mk_write("\n");
+    size_tell(FUNCTIONS, names, worst, (uint32_t)sizeof all[0].node);
     return 0;
 }

@@ -159,15 +159,6 @@ int main(void) {
     steady.period = 5;
     scenario("freezing", ALL, 40, (real_t)0.02f, 1);
 
-    for (int k = 0; k < FUNCTIONS; k++) {
-        mk_write("stack ");
-        mk_write(names[k]);
-        mk_write(" ");
-        mk_write_number(worst[k]);
-        mk_write("\n");
-    }
-    mk_write("ram ");
-    mk_write_number((uint32_t)sizeof node);
-    mk_write("\n");
+    size_tell(FUNCTIONS, names, worst, (uint32_t)sizeof node);
     return 0;
 }

@@ -3,6 +3,8 @@
 #ifndef SIZE_MARKERS_H
 #define SIZE_MARKERS_H
 
+#include "semihost.h"
+
 #define MARKER(name) \
     void name(void); \
     __attribute__((noinline)) void name(void) { __asm__ volatile("" : : "i"(#name)); }
@@ -46,5 +48,19 @@ __attribute__((noinline)) void size_loops(void) {
         const uint32_t used = mk_stack_used() - before; \
         if (used > worst[function]) worst[function] = used; \
     } while (0)
+
+/* For size.py: the most stack of each function, and the object's RAM. */
+static void size_tell(int functions, const char *const *name, const uint32_t *stack, uint32_t ram) {
+    for (int k = 0; k < functions; k++) {
+        mk_write("stack ");
+        mk_write(name[k]);
+        mk_write(" ");
+        mk_write_number(stack[k]);
+        mk_write("\n");
+    }
+    mk_write("ram ");
+    mk_write_number(ram);
+    mk_write("\n");
+}
 
 #endif

@@ -4,6 +4,19 @@
 #ifndef SIZE_MODELS_H
 #define SIZE_MODELS_H
 
+/* The target of spec 2.5: it begins at 3 m and 0.05 m/s on each axis. */
+static void put_motion(float *x0, float *P0, float *Q) {
+    for (int i = 0; i < N; i += 2) {
+        x0[i] = 3.0f;
+        x0[i + 1] = 0.05f;
+        P0[MK_PACKED(i) + i] = 0.1f;
+        P0[MK_PACKED(i + 1) + i + 1] = 1e-3f;
+        Q[MK_PACKED(i) + i] = 1e-5f / 3.0f;
+        Q[MK_PACKED(i + 1) + i] = 5e-6f;
+        Q[MK_PACKED(i + 1) + i + 1] = 1e-5f;
+    }
+}
+
 typedef struct {
     float position[M][3];
 } site_t;

@@ -65,15 +65,7 @@ static int run(const char *name, uint8_t update, uint16_t increments) {
 
 int main(void) {
     size_loops();
-    for (int i = 0; i < N; i += 2) {
-        x0[i] = 3.0f;
-        x0[i + 1] = 0.05f;
-        P0[MK_PACKED(i) + i] = 0.1f;
-        P0[MK_PACKED(i + 1) + i + 1] = 1e-3f;
-        Q[MK_PACKED(i) + i] = 1e-5f / 3.0f;
-        Q[MK_PACKED(i + 1) + i] = 5e-6f;
-        Q[MK_PACKED(i + 1) + i + 1] = 1e-5f;
-    }
+    put_motion(x0, P0, Q);
     for (int l = 0; l < SLOTS; l++) {
         for (int r = 0; r < M; r++) {
             const int k = l * M + r; /* (0, 0), (2, 0), (0, 2), and on */
@@ -102,15 +94,6 @@ int main(void) {
 
     const int good = run("ukf", MK_UPDATE_UNSCENTED, 1) & run("ekf", MK_UPDATE_EXTENDED, 1) & run("mpukf-5", MK_UPDATE_PROGRESSIVE, 5) &
                      run("mpukf-30", MK_UPDATE_PROGRESSIVE, 30) & run("iukf", MK_UPDATE_ITERATED, 5);
-    for (int k = 0; k < FUNCTIONS; k++) {
-        mk_write("stack ");
-        mk_write(names[k]);
-        mk_write(" ");
-        mk_write_number(worst[k]);
-        mk_write("\n");
-    }
-    mk_write("ram ");
-    mk_write_number((uint32_t)sizeof filter);
-    mk_write("\n");
+    size_tell(FUNCTIONS, names, worst, (uint32_t)sizeof filter);
     return !good;
 }

@@ -41,13 +41,16 @@ void mk_statistics_close(mk_statistics_t *s) {
     mk_record_close(&s->squares);
 }
 
-void mk_statistics_add(mk_statistics_t *s, const double *value) {
-    s->runs++;
-    for (size_t i = 0; i < s->mean.count; i++) {
-        const double change = value[i] - s->mean.value[i];
-        s->mean.value[i] += change / s->runs;
-        s->squares.value[i] += change * (value[i] - s->mean.value[i]);
+void mk_welford(int runs, size_t count, const double *value, double *mean, double *squares) {
+    for (size_t i = 0; i < count; i++) {
+        const double change = value[i] - mean[i];
+        mean[i] += change / runs;
+        squares[i] += change * (value[i] - mean[i]);
     }
+}
+
+void mk_statistics_add(mk_statistics_t *s, const double *value) {
+    mk_welford(++s->runs, s->mean.count, value, s->mean.value, s->squares.value);
 }
 
 void mk_statistics_finish(mk_statistics_t *s) {

@@ -21,7 +21,10 @@ typedef struct {
 void mk_record_open(mk_record_t *record, int n, int steps, int estimators);
 void mk_record_close(mk_record_t *record);
 
-/* Mean and sum of squared differences from it, updated run by run (Welford): the same bits for the same runs in the same order. */
+/* Run number `runs`, from 1, into means and sums of squared differences from them (Welford): the same bits for the same runs in the same order. */
+void mk_welford(int runs, size_t count, const double *value, double *mean, double *squares);
+
+/* Of mk_welford. */
 typedef struct {
     int runs;
     mk_record_t mean, squares;

@@ -8,6 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "simulation/record.h"
+
 void mk_track_record_open(mk_track_record_t *r, long steps, int estimators) {
     const size_t T = (size_t)steps, E = (size_t)estimators;
     r->steps = steps;
@@ -43,13 +45,9 @@ void mk_track_statistics_close(mk_track_statistics_t *s) {
 }
 
 void mk_track_statistics_add(mk_track_statistics_t *s, const double *value) {
-    s->runs++;
-    for (size_t i = 0; i < s->mean.count; i++) {
-        const double difference = value[i] - s->mean.value[i];
-        s->mean.value[i] += difference / s->runs;
-        s->squares.value[i] += difference * (value[i] - s->mean.value[i]);
+    mk_welford(++s->runs, s->mean.count, value, s->mean.value, s->squares.value);
+    for (size_t i = 0; i < s->mean.count; i++)
         if (s->runs == 1 || value[i] > s->largest.value[i]) s->largest.value[i] = value[i];
-    }
 }
 
 double mk_track_half_width(const mk_track_statistics_t *s, double squares) {

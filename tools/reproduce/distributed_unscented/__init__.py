@@ -4,8 +4,7 @@ Mathematical Problems in Engineering 2013, 402732."""
 
 from pathlib import Path
 
-from run_logs import record
-from seeds import folder_of
+import tracking
 
 from . import figures, results
 from .batches import RECORDED, compute, load
@@ -14,12 +13,4 @@ __all__ = ["compute", "report"]
 
 
 def report(out: Path, seeds: range) -> int:
-    """Tables, figures and the recording of one run from the files of the batches. 1 if a batch is missing or something that must hold
-    does not; all there is to show is shown before."""
-    batches, errors = load(out, seeds)
-    status = results.write(out, batches, errors)
-    if batches:
-        figures.write(out, batches)
-        folder = folder_of(out, batches[0].seed)
-        record([folder / f"{name}.cbor" for name in RECORDED], out / "distributed-unscented.rrd")
-    return status
+    return tracking.report(out, seeds, "distributed-unscented", load, results.write, figures.write, RECORDED)
