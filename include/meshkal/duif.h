@@ -149,6 +149,9 @@ MK_DECLARE_DUIF_CORE(f64)
  * name_predict(node, dt, Q)    As in unscented.h, any number of times. ORDER: not before contribute; its errors where they remain from x0 and P0.
  * name_measure(node, z)        The reading of its own sensor; from contribute to fuse it is for the next step. Errors of name_put in unscented.h.
  * name_drop(node)              The reading is no longer there.
+ * name_innovations(node, T r[m], T S[MK_PACKED(m)], uint8_t rows[1])
+ *                              Before contribute: of its own reading, as in unscented.h. With member `filter` as the filter, name_filter_drop
+ *                              and MK_WATCH(name_filter, real, n, m, 1, window) it is watched (meshkal/monitor.h).
  * name_contribute(node)        Ends the readings, begins the consensus. ORDER; errors of name_contribution in unscented.h (MK_ERROR_DOMAIN: a
  *                              reading of something outside the sensor's domain): drop, then contribute once more, as a blind node.
  * name_frame(node, uint8_t bytes[name_frame_max])
@@ -217,6 +220,9 @@ MK_DECLARE_DUIF_CORE(f64)
     MK_INLINE mk_status_t name##_drop(name##_t *f) {                                                                          \
         const mk_duif_view_##real##_t view = name##_view(f, 0);                                                               \
         return mk_duif_drop_##real(&view);                                                                                    \
+    }                                                                                                                         \
+    MK_INLINE mk_status_t name##_innovations(name##_t *f, mk_##real##_t *r, mk_##real##_t *S, uint8_t *rows) {                \
+        return name##_filter_innovations(&f->filter, r, S, rows);                                                             \
     }                                                                                                                         \
     MK_INLINE mk_status_t name##_contribute(name##_t *f) {                                                                    \
         mk_##real##_t work[MK_DUIF_WORK(n, m)];                                                                               \

@@ -129,6 +129,7 @@ extern "C" {
     mk_status_t mk_node_diffuse_##real(int n, int m, int slots, const mk_node_view_##real##_t *view);                         \
     mk_status_t mk_node_advance_##real(int n, int m, int slots, const mk_node_view_##real##_t *view, uint32_t step);          \
     mk_status_t mk_node_set_tolerance_##real(const mk_node_view_##real##_t *view, mk_##real##_t tolerance);                   \
+    mk_status_t mk_node_drop_##real(const mk_node_view_##real##_t *view, int slot);                                           \
     mk_status_t mk_node_restart_##real(int n, int slots, const mk_node_view_##real##_t *view, const mk_##real##_t *x0,        \
                                        const mk_##real##_t *P0);                                                              \
     size_t mk_node_save_##real(int n, int m, int slots, const mk_node_view_##real##_t *view, uint8_t *blob);                  \
@@ -182,6 +183,9 @@ MK_DECLARE_NODE_CORE(f64)
  *                              ORDER; errors of the steps, with those before done.
  * name_restart(node, T x0[n], T P0[])
  *                              As in rkfd.h; the step stays, and begins again with stage 1.
+ * name_innovations, name_drop  As in rkfd.h; drop is recorded. MK_WATCH(name, real, m, slots, window) of meshkal/monitor.h, after this macro, makes
+ *                              name_watch of them: the node watches its own and its neighbours' sensors, id being config.nodes. Before
+ *                              incremental. What the monitor found is in the record as drops: a replay needs no monitor.
  * name_estimate, name_intermediate, name_set_tolerance: as in rkfd.h. The filter itself is member `filter`.
  * name_save(node, uint8_t blob[name_blob_max])
  *                              The whole state but for secure and recorder, with version, dimensions, model, node and CRC-32: the
@@ -331,6 +335,13 @@ MK_DECLARE_NODE_CORE(f64)
         mk_##real##_t work[MK_RKFD_WORK(n, m)];                                                                               \
         const mk_node_view_##real##_t view = name##_node_view(f, work);                                                       \
         return mk_node_restart_##real(n, slot_count, &view, x0, P0);                                                          \
+    }                                                                                                                         \
+    MK_INLINE mk_status_t name##_innovations(name##_t *f, mk_##real##_t *r, mk_##real##_t *S, uint8_t *rows) {                \
+        return name##_filter_innovations(&f->filter, r, S, rows);                                                             \
+    }                                                                                                                         \
+    MK_INLINE mk_status_t name##_drop(name##_t *f, int slot) {                                                                \
+        const mk_node_view_##real##_t view = name##_node_view(f, 0);                                                          \
+        return mk_node_drop_##real(&view, slot);                                                                              \
     }                                                                                                                         \
     MK_INLINE size_t name##_save(name##_t *f, uint8_t *blob) {                                                                \
         const mk_node_view_##real##_t view = name##_node_view(f, 0);                                                          \

@@ -37,7 +37,8 @@ enum {
     MK_ITEM_DIFFUSE = 6,       /* step afterwards (4 bytes), x (n) */
     MK_ITEM_ADVANCE = 7,       /* step asked for, step afterwards (4 bytes each), x (n) */
     MK_ITEM_TOLERANCE = 8,     /* c */
-    MK_ITEM_RESTART = 9        /* x0 (n), P0 packed */
+    MK_ITEM_RESTART = 9,       /* x0 (n), P0 packed */
+    MK_ITEM_DROP = 10          /* slot (2 bytes) whose reading was dropped */
 };
 
 /* Content of CONFIGURATION: n, m, slots, catch_up, patience (2 bytes each); bits of a number, MK_NUMBERS_ of its frames, with_model, flags

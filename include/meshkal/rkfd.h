@@ -141,7 +141,10 @@ extern "C" {
                                        const mk_##real##_t *P0);                                                              \
     mk_status_t mk_rkfd_covariance_##real(int n, const mk_rkfd_view_##real##_t *view, mk_##real##_t *V);                      \
     mk_status_t mk_rkfd_predict_##real(int n, int m, const mk_rkfd_view_##real##_t *view, int slot,                           \
-                                       mk_##real##_t *innovation, mk_##real##_t *variance);
+                                       mk_##real##_t *innovation, mk_##real##_t *variance);                                   \
+    mk_status_t mk_rkfd_innovations_##real(int n, int m, int slots, const mk_rkfd_view_##real##_t *view, mk_##real##_t *r,    \
+                                           mk_##real##_t *S, uint8_t *rows);                                                  \
+    mk_status_t mk_rkfd_drop_##real(const mk_rkfd_view_##real##_t *view, int slot);
 
 MK_DECLARE_RKFD_CORE(f32)
 MK_DECLARE_RKFD_CORE(f64)
@@ -151,6 +154,8 @@ MK_DECLARE_RKFD_CORE(f64)
 #define MK_ROBUST_WORK(n) (MK_PACKED(n) + (MK_PACKED(n) > 2 * (n) ? MK_PACKED(n) : 2 * (n)))
 #define MK_RKFD_WORK(n, m) (3 * MK_PACKED(n) + 2 * (n) + (m) + (n) * (n) + 1)
 #define MK_RKFD_PREDICT_WORK(n, m) (MK_PACKED(n) + (n) * (m) + 4 * MK_PACKED(m))
+/* The same of innovations. */
+#define MK_RKFD_INNOVATIONS_WORK(n, m) (MK_PACKED(n) + (n) * (m) + 2 * MK_PACKED(m))
 
 /*
  * The typed functions of MK_RKFD(name, real, n, m, slots). T is mk_<real>_t. Every one returns a status; on failure the object
@@ -183,6 +188,11 @@ MK_DECLARE_RKFD_CORE(f64)
  *                              Innovation of a filled slot and its variance C V C' + R, before incremental: what a gate needs.
  *                              ORDER afterwards; ARGUMENT if the slot is empty; NOT_FINITE: overflow, e and E are then undefined.
  *                              Entries beyond the sensor's rows: 0.
+ * name_innovations(f, T r[slots x m], T S[MK_PACKED(slots x m)], uint8_t rows[slots])
+ *                              The same of all filled slots together, one after another, with C_k V C_l' between them: what meshkal/monitor.h
+ *                              needs. rows: of each slot, 0 where it is empty. ORDER after incremental; NOT_FINITE: overflow; the outputs are
+ *                              undefined then.
+ * name_drop(f, slot)           The reading of this slot is no longer there. ORDER after incremental; ARGUMENT.
  */
 #define MK_RKFD(name, real, n, m, slots) MK_RKFD_TYPE(name, real, n, m, slots, mk_rkfd_, MK_RKFD_STEP)
 
@@ -258,6 +268,15 @@ MK_DECLARE_RKFD_CORE(f64)
         mk_##real##_t work[MK_RKFD_PREDICT_WORK(n, m)];                                                                       \
         const mk_rkfd_view_##real##_t view = name##_view(f, work);                                                            \
         return mk_rkfd_predict_##real(n, m, &view, slot, e, E);                                                               \
+    }                                                                                                                         \
+    MK_INLINE mk_status_t name##_innovations(name##_t *f, mk_##real##_t *r, mk_##real##_t *S, uint8_t *rows) {                \
+        mk_##real##_t work[MK_RKFD_INNOVATIONS_WORK(n, m)];                                                                   \
+        const mk_rkfd_view_##real##_t view = name##_view(f, work);                                                            \
+        return mk_rkfd_innovations_##real(n, m, slot_count, &view, r, S, rows);                                               \
+    }                                                                                                                         \
+    MK_INLINE mk_status_t name##_drop(name##_t *f, int slot) {                                                                \
+        const mk_rkfd_view_##real##_t view = name##_view(f, 0);                                                               \
+        return mk_rkfd_drop_##real(&view, slot);                                                                              \
     }                                                                                                                         \
     /* Last: a declaration that takes the semicolon after the macro. */                                                       \
     typedef name##_t name##_filter_t

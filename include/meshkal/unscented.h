@@ -43,6 +43,7 @@
 
 #include <meshkal/gate.h>
 #include <meshkal/model.h>
+#include <meshkal/weights.h>
 
 #ifdef __cplusplus
 extern "C" {
@@ -98,6 +99,7 @@ enum { MK_RULE_NONE, MK_RULE_INNOVATION, MK_RULE_MAHALANOBIS };
         uint16_t increments;                /* N >= 1 */                                                                      \
         uint8_t update, rule;               /* MK_UPDATE_, MK_RULE_ */                                                        \
         uint8_t one_at_a_time;              /* 1: functions are called for single points */                                   \
+        const mk_row_weights_##real##_t *weights; /* robust gain (meshkal/weights.h), of MK_UPDATE_UNSCENTED and _EXTENDED; null: none */ \
     } mk_unscented_config_##real##_t;                                                                                         \
                                                                                                                               \
     /* What every filter has; first member `core` of every filter type. Read, do not write. */                                \
@@ -116,6 +118,8 @@ enum { MK_RULE_NONE, MK_RULE_INNOVATION, MK_RULE_MAHALANOBIS };
         uint32_t rule_fired;                /* updates that the rule ended */                                                 \
         uint32_t reinitialised;             /* by the gate's way back */                                                      \
         uint32_t rejected;                  /* inputs refused: not finite or repeated */                                      \
+        uint16_t weighted_rows;             /* of the last update: rows with a weight below 1 */                              \
+        uint16_t unused_rows;               /* and of these: with weight 0; all of them: the update was none, x and P are the prediction */ \
     } mk_unscented_##real##_t;                                                                                                \
                                                                                                                               \
     typedef struct {                                                                                                          \
@@ -141,7 +145,10 @@ enum { MK_RULE_NONE, MK_RULE_INNOVATION, MK_RULE_MAHALANOBIS };
     mk_status_t mk_unscented_contribution_##real(int n, int m, int slots, const mk_unscented_view_##real##_t *view,           \
                                                  int without_residual, mk_##real##_t *s, mk_##real##_t *S);                   \
     mk_status_t mk_unscented_inform_##real(int n, const mk_unscented_view_##real##_t *view, mk_##real##_t scale,              \
-                                           const mk_##real##_t *s, const mk_##real##_t *S);
+                                           const mk_##real##_t *s, const mk_##real##_t *S);                                   \
+    mk_status_t mk_unscented_innovations_##real(int n, int m, int slots, const mk_unscented_view_##real##_t *view,            \
+                                                mk_##real##_t *r, mk_##real##_t *S, uint8_t *rows);                           \
+    mk_status_t mk_unscented_move_##real(int n, const mk_unscented_view_##real##_t *view, const mk_##real##_t *dx);
 
 MK_DECLARE_UNSCENTED_CORE(f32)
 MK_DECLARE_UNSCENTED_CORE(f64)
@@ -165,6 +172,12 @@ MK_DECLARE_UNSCENTED_CORE(f64)
  *                              are zero where there is none. without_residual of the kernel: R alone, as published.
  * name_inform(f, scale, s, S)  the update from information: P^-1 := P^-1 + scale S, x := P (P_old^-1 x + scale s). S need not be positive
  *                              semidefinite, as long as the sum is positive definite. ARGUMENT, NOT_FINITE, NOT_POSITIVE_DEFINITE.
+ * name_innovations(f, T r[slots x m], T S[MK_PACKED(slots x m)], uint8_t rows[slots])
+ *                              Innovations of the readings that wait, one sensor after another, and their covariance D D' + Omega + R before
+ *                              gate and weights: what meshkal/monitor.h needs. rows: of each slot, 0 where there is no reading. Nothing
+ *                              changes but core.failed. Errors of name_update; the outputs are undefined then.
+ * name_move(f, T dx[n])        x := x + dx, P stays: for error-state filters, whose reference has just been moved by -dx. ARGUMENT, ORDER,
+ *                              NOT_FINITE.
  */
 #define MK_UNSCENTED(name, real, n, m, slots) MK_UNSCENTED_TYPE(name, real, n, m, slots, MK_UNSCENTED_STEP)
 
@@ -219,6 +232,15 @@ MK_DECLARE_UNSCENTED_CORE(f64)
     MK_INLINE mk_status_t name##_drop(name##_t *f, int slot) {                                                                \
         const mk_unscented_view_##real##_t view = name##_view(f, 0);                                                          \
         return mk_unscented_drop_##real(slot_count, &view, slot);                                                             \
+    }                                                                                                                         \
+    MK_INLINE mk_status_t name##_innovations(name##_t *f, mk_##real##_t *r, mk_##real##_t *S, uint8_t *rows) {                \
+        mk_##real##_t work[MK_UNSCENTED_UPDATE_WORK(n, m, slot_count)];                                                       \
+        const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
+        return mk_unscented_innovations_##real(n, m, slot_count, &view, r, S, rows);                                          \
+    }                                                                                                                         \
+    MK_INLINE mk_status_t name##_move(name##_t *f, const mk_##real##_t *dx) {                                                 \
+        const mk_unscented_view_##real##_t view = name##_view(f, 0);                                                          \
+        return mk_unscented_move_##real(n, &view, dx);                                                                        \
     }                                                                                                                         \
     MK_INLINE const mk_##real##_t *name##_estimate(const name##_t *f) { return f->x; }                                        \
     MK_INLINE const mk_##real##_t *name##_root(const name##_t *f) { return f->L; }                                            \
