@@ -3,11 +3,18 @@
 bursts (no line of sight), missing frames and gaps, lines out of order and twice, time stamps of the Unix epoch; motion capture at other times.
 
     python tests/host/recorded_ranges.py FOLDER [--seed S] [--outliers P] ...    scenario.json, ranges.csv, truth.csv
+    python tests/host/recorded_ranges.py [--seed S] [--outliers P] ...           what gates are worth on 20 recordings from seed S on, in Markdown
 """
 import argparse
+import concurrent.futures
 import dataclasses
 import json
+import math
+import os
 import pathlib
+import subprocess
+import sys
+import tempfile
 
 import numpy as np
 
@@ -16,6 +23,17 @@ EPOCH = 1.7e9
 SIGMA = 0.1
 STATES = {2: ["px", "py", "vx", "vy"], 3: ["px", "py", "pz", "vx", "vy", "vz"]}
 CAPTURE = 100.0  # Hz
+
+GATE = {"significance": 1e-4, "policy": "skip", "patience": 10}
+INFLATE = {"significance": 1e-2, "policy": "inflate", "patience": 10}
+# The table: its columns, and of each row whether there are outliers, and the gate.
+FILTERS = ["ekf", "ukf", "pukf", "mpukf", "duif", "kcf", "rekfd"]
+POLICIES = [("no outliers, no gate", False, None), ("no gate", True, None),
+            ("skip, significance 1e-4, no way back", True, GATE | {"patience": 0}), ("**the same, P := P0 after `patience` 10**", True, GATE),
+            ("inflate, significance 1e-2, patience 10", True, INFLATE)]
+RECORDINGS = 20
+LOST = 5.0  # s
+PROGRAM = pathlib.Path(__file__).resolve().parents[2] / "build" / "meshkal"
 
 
 @dataclasses.dataclass
@@ -127,10 +145,74 @@ def write(folder, recording, **tracking):
     (folder / "scenario.json").write_text(json.dumps(scenario(recording, **tracking), indent=1) + "\n")
 
 
-if __name__ == "__main__":
+def judge(summary):
+    """Error after the first 5 s, and the longest time with more than 1 m."""
+    t, e = np.array(summary["time_s"]), np.array([np.nan if v is None else v for v in summary["position_rmse_over_time"]])
+    with_truth = ~np.isnan(e)
+    t, e = t[with_truth], e[with_truth]
+    return np.sqrt((e[t > t[0] + 5]**2).mean()), np.diff([t[0], *t[e < 1], t[-1]]).max()
+
+
+# --- what gates are worth ----------------------------------------------------------------------------------------------------
+
+def judged(program, real, seed, made):
+    """policies x filters x what judge says, of one seed."""
+    rows, recordings = [], {}
+    for row, outliers, gate in POLICIES:
+        if outliers not in recordings:
+            recordings[outliers] = record(seed, **made | ({} if outliers else {"outliers": 0.0}))
+        with tempfile.TemporaryDirectory() as place:
+            folder = pathlib.Path(place)
+            write(folder, recordings[outliers], **({"gate": gate} if gate else {}))
+            done = subprocess.run([program, "simulate", folder / "scenario.json", "--measurements", folder / "ranges.csv", "--truth", folder / "truth.csv",
+                                   "--filter", "all", "--real", real, "--threads", "1", "--json", folder / "summary"], stdout=subprocess.DEVNULL)
+            if done.returncode:  # of which it has said why
+                raise RuntimeError(f"{row}, seed {seed}: {program} failed")
+            of = {f["filter"]: f for f in json.loads((folder / "summary").read_text())["filters"]}
+        failed = [name for name in FILTERS if of[name]["failures"]]
+        if failed:
+            raise RuntimeError(f"{row}, seed {seed}: failed: {', '.join(failed)}")
+        rows.append([judge(of[name]) for name in FILTERS])
+    return rows
+
+
+def digits(value, count):
+    return f"{value:.{min(3, max(0, count - 1 - math.floor(math.log10(value))))}f}"
+
+
+def print_table(program, real, seed, made):
+    """A seed in each thread: the work is the program's. RMSE, in brackets that of the worst recording; on standard error who was lost for long."""
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+        seeds = range(seed, seed + RECORDINGS)
+        error, lost = np.moveaxis(np.array(list(pool.map(lambda one: judged(program, real, one, made), seeds))), 3, 0)
+    print("| | " + " | ".join(FILTERS) + " |\n|" + "---|" * (len(FILTERS) + 1))
+    for (name, *_), total, worst in zip(POLICIES, np.sqrt((error**2).mean(0)), error.max(0), strict=True):
+        print(f"| {name} | " + " | ".join(f"{digits(a, 3)} ({digits(b, 2)})" for a, b in zip(total, worst, strict=True)) + " |")
+    for (name, *_), longest in zip(POLICIES, lost.max(0), strict=True):
+        long = [f"{f} {t:.0f} s" for f, t in zip(FILTERS, longest, strict=True) if t > LOST]
+        print(f"{name.strip('*')}: more than 1 m off for more than {LOST:g} s: {', '.join(long) or 'nobody'}", file=sys.stderr)
+
+
+def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder")
-    for name, value in (("seed", 1), ("anchors", 8), ("dimensions", 2), ("gaps", 2), ("seconds", 60.0), ("rate", 30.0), ("outliers", 0.1), ("missing", 0.1)):
+    parser.add_argument("folder", nargs="?", help="for the files of one recording; without it: the table")
+    parser.add_argument("--meshkal", default=PROGRAM, help="of the table: the program")
+    parser.add_argument("--real", default="float64", choices=("float32", "float64"), help="of the table: precision of the filters")
+    for name, value in (("seed", 0), ("anchors", 8), ("dimensions", 2), ("gaps", 2), ("seconds", 60.0), ("rate", 30.0), ("outliers", 0.1), ("missing", 0.1)):
         parser.add_argument(f"--{name}", type=type(value), default=value)
     options = vars(parser.parse_args())
-    write(options.pop("folder"), record(**options))
+    folder, program, real, seed = (options.pop(name) for name in ("folder", "meshkal", "real", "seed"))
+    if folder:
+        write(folder, record(seed, **options))
+        return None
+    if not os.access(program, os.X_OK):
+        return f"recorded_ranges.py: no program at {program}: make all, or --meshkal"
+    try:
+        print_table(program, real, seed, options)
+    except RuntimeError as failure:
+        return f"recorded_ranges.py: {failure}"
+    return None
+
+
+if __name__ == "__main__":
+    sys.exit(main())

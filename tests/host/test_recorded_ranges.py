@@ -6,9 +6,7 @@ import logs
 import numpy as np
 import pytest
 import recorded_ranges as ranges
-
-GATE = {"significance": 1e-4, "policy": "skip", "patience": 10}
-INFLATE = {"significance": 1e-2, "policy": "inflate", "patience": 10}
+from recorded_ranges import GATE, INFLATE, judge
 
 
 @pytest.fixture
@@ -47,14 +45,6 @@ def test_recordings_are_what_they_say():
 
 # --- what to expect ----------------------------------------------------------------------------------------------------------
 
-def judge(summary):
-    """Error after the first 5 s, and the longest time with more than 1 m."""
-    t, e = np.array(summary["time_s"]), np.array([np.nan if v is None else v for v in summary["position_rmse_over_time"]])
-    with_truth = ~np.isnan(e)
-    t, e = t[with_truth], e[with_truth]
-    return np.sqrt((e[t > t[0] + 5]**2).mean()), np.diff([t[0], *t[e < 1], t[-1]]).max()
-
-
 @pytest.mark.once
 @pytest.mark.parametrize("real, name, gate, worse, worst", [
     ("float64", "ukf", GATE, 1.25, 0.25), ("float32", "ukf", GATE, 1.25, 0.25), ("float64", "duif", GATE, 1.3, 0.25), ("float64", "ekf", GATE, 2.2, 0.8),
@@ -81,6 +71,21 @@ def test_three_dimensions(track):
     for seed in range(5):
         error, lost = judge(track(ranges.record(seed, dimensions=3), "ukf", gate=GATE)[0])
         assert error < 0.4 and lost < 5
+
+
+@pytest.mark.once
+def test_table(track, program, capsys, monkeypatch):
+    """Each cell is what judge says of the filter run alone."""
+    monkeypatch.setattr(ranges, "RECORDINGS", 2)
+    ranges.print_table(program, "float64", 3, {"seconds": 10.0, "gaps": 0})
+    rows = {row[1]: row[2:-1] for row in ([cell.strip() for cell in line.split("|")] for line in capsys.readouterr().out.splitlines())}
+    assert rows[""] == ranges.FILTERS and len(rows) == 2 + len(ranges.POLICIES)
+    for name, outliers, gate in ranges.POLICIES:
+        made = [ranges.record(seed, seconds=10.0, gaps=0, **({} if outliers else {"outliers": 0.0})) for seed in (3, 4)]
+        for filter_name in ("ukf", "rekfd"):
+            error = np.array([judge(track(r, filter_name, gate=gate)[0])[0] for r in made])
+            total, worst = rows[name][ranges.FILTERS.index(filter_name)].rstrip(")").split(" (")
+            assert float(total) == pytest.approx(np.sqrt((error**2).mean()), rel=0.01) and float(worst) == pytest.approx(error.max(), rel=0.06)
 
 
 def test_duif_is_the_centralised_filter(track):
