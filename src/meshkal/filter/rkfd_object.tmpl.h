@@ -196,24 +196,23 @@ mk_status_t MK_F(mk_rkfd_drop)(const MK_F_T(mk_rkfd_view) * view, int slot) {
     return MK_OK;
 }
 
-/* Innovation e of a filled slot, and rows first .. of packed S from column first on: its variance, R + X' D^-1 X. L: what mk_ldl makes of W; X (n x m) becomes
-   L^-1 C'. R: scratch, packed m. */
+/* Innovation e of a filled slot, and rows first .. of packed S from column first on: its variance, R + X' D^-1 X. L: what mk_ldl makes of W; row r of X
+   (rows x n) becomes L^-1 C_r'. R: scratch, packed m. */
 static mk_status_t MK_F(mk_rkfd_innovation)(int n, int m, const MK_F_T(mk_rkfd_view) * view, int slot, int first, const MK_REAL *L, MK_REAL *X, MK_REAL *R,
                                             MK_REAL *e, MK_REAL *S) {
     const MK_F_T(mk_rkfd_config) *const config = view->core->config;
     const MK_REAL *const C = config->C + slot * m * n;
     const int rows = config->rows[slot];
     if (rows > 0 && MK_F(mk_invert)(rows, config->R_inverse + slot * MK_AT(m, 0), R, R) != MK_OK) return MK_ERROR_NOT_POSITIVE_DEFINITE;
-    for (int i = 0; i < n; i++)
-        for (int r = 0; r < m; r++) X[i * m + r] = C[r * n + i];
-    MK_F(mk_ldl_forward)(n, m, L, X);
     for (int r = 0; r < rows; r++) {
         MK_REAL predicted = MK_R(0.0);
         for (int j = 0; j < n && view->have_y[slot] == 1; j++) predicted += C[r * n + j] * view->x[j];
         e[r] = view->y[slot * m + r] - predicted;
+        for (int i = 0; i < n; i++) X[r * n + i] = C[r * n + i];
+        MK_F(mk_ldl_forward)(n, 1, L, X + r * n);
         for (int s = 0; s <= r; s++) {
             MK_REAL sum = R[MK_AT(r, s)];
-            for (int k = 0; k < n; k++) sum += L[MK_AT(k, k)] * X[k * m + r] * X[k * m + s];
+            for (int k = 0; k < n; k++) sum += L[MK_AT(k, k)] * X[r * n + k] * X[s * n + k];
             S[MK_AT(first + r, first + s)] = sum;
         }
     }
@@ -247,13 +246,13 @@ mk_status_t MK_F(mk_rkfd_innovations)(int n, int m, int slots, const MK_F_T(mk_r
         if (rows[l] == 0) continue;
         const mk_status_t status = MK_F(mk_rkfd_innovation)(n, m, view, l, first, L, X, X + n * m, r + first, S);
         if (status != MK_OK) return status;
-        /* X := V C_l', and with it the blocks to the left of this sensor's own. */
-        MK_F(mk_ldl_backward)(n, m, L, X);
+        /* Rows of X := V C_r', and with them the blocks to the left of this sensor's own. */
+        for (int c = 0; c < rows[l]; c++) MK_F(mk_ldl_backward)(n, L, X + c * n);
         for (int k = 0, before = 0; k < l; before += rows[k++])
             for (int c = 0; c < rows[l]; c++)
                 for (int s = 0; s < rows[k]; s++) {
                     MK_REAL sum = MK_R(0.0);
-                    for (int i = 0; i < n; i++) sum += config->C[(k * m + s) * n + i] * X[i * m + c];
+                    for (int i = 0; i < n; i++) sum += config->C[(k * m + s) * n + i] * X[c * n + i];
                     S[MK_AT(first + c, before + s)] = sum;
                 }
         first += rows[l];
@@ -272,7 +271,7 @@ MK_REAL MK_F(mk_rkfd_exact_nis)(const MK_F_T(mk_rkfd_config) * config, const MK_
                                 const uint8_t *have_y, const MK_REAL *L, MK_REAL *b, MK_REAL *e) {
     const int n = config->n, m = config->m;
     const MK_REAL *C = config->C;
-    MK_F(mk_ldl_backward)(n, 1, L, b); /* d */
+    MK_F(mk_ldl_backward)(n, L, b); /* d */
     MK_REAL sum = MK_F(mk_quadratic)(n, W, b, MK_R(0.0));
     for (int l = 0; l < config->slots; l++) {
         /* e = (y - C x) - C d; without C x where the slot holds an innovation. */

@@ -26,7 +26,7 @@ typedef struct {
     MK_REAL count, mean, squares;
 } MK_F_T(mk_spread);
 
-static MK_F_T(mk_spread) MK_F(mk_spread_join)(MK_F_T(mk_spread) a, MK_F_T(mk_spread) b) {
+MK_NOINLINE MK_F_T(mk_spread) MK_F(mk_spread_join)(MK_F_T(mk_spread) a, MK_F_T(mk_spread) b) {
     if (b.count == MK_R(0.0)) return a;
     const MK_REAL apart = b.mean - a.mean, count = a.count + b.count;
     const MK_F_T(mk_spread) both = {count, a.mean + apart * (b.count / count), a.squares + b.squares + apart * apart * (a.count * (b.count / count))};
@@ -74,7 +74,7 @@ static mk_status_t MK_F(mk_row_weights_check)(const MK_F_T(mk_row_weights) * wei
 }
 
 /* Of stacked row r, whose statistic is in b. */
-static MK_REAL MK_F(mk_weight_of)(const MK_F_T(mk_updating) * u, int r) {
+MK_NOINLINE MK_REAL MK_F(mk_weight_of)(const MK_F_T(mk_updating) * u, int r) {
     const MK_F_T(mk_row_weights) *const weights = u->config->weights;
     return MK_F(mk_igg3_weight)(u->b[r], weights->k0[u->rows - 1], weights->k1[u->rows - 1]);
 }
@@ -84,7 +84,7 @@ static MK_REAL MK_F(mk_weight_of)(const MK_F_T(mk_updating) * u, int r) {
 static void MK_F(mk_gain_times)(const MK_F_T(mk_updating) * u, MK_REAL *v, MK_REAL *out) {
     const int n = u->n;
     MK_F(mk_ldl_forward)(u->rows, 1, u->S, v);
-    MK_F(mk_ldl_backward)(u->rows, 1, u->S, v);
+    MK_F(mk_ldl_backward)(u->rows, u->S, v);
     for (int i = 0; i < n; i++) {
         out[i] = MK_R(0.0);
         for (int r = 0; r < u->rows; r++) out[i] += u->linear.D[r * n + i] * v[r];
@@ -106,7 +106,7 @@ static void MK_F(mk_gain_times)(const MK_F_T(mk_updating) * u, MK_REAL *v, MK_RE
        (I - Kw H) P0 (I - Kw H)' + Kw N Kw' = P + K (I - W) S (I - W) K'
    without the difference on the left: the columns of K (I - W) root(S), of the rows with a weight below 1 alone, are added to L L' = P one after another.
    Their root is that of N, to which the columns of D are added likewise. Leaves the statistics in b. */
-static mk_status_t MK_F(mk_reweigh)(MK_F_T(mk_updating) * u) {
+MK_NOINLINE mk_status_t MK_F(mk_reweigh)(MK_F_T(mk_updating) * u) {
     const int n = u->n, rows = u->rows;
     MK_REAL *const C = u->noise, *const v = u->e, *const columns = u->B;
     for (int r = 0; r < rows; r++) u->b[r] = u->noise[MK_AT(r, r)] + MK_F(mk_stack_spread)(n, u, r, r);
@@ -114,8 +114,8 @@ static mk_status_t MK_F(mk_reweigh)(MK_F_T(mk_updating) * u) {
     u->weighed = 1;
     for (int r = 0; r < rows; r++) {
         const MK_REAL w = MK_F(mk_weight_of)(u, r);
-        u->weighted_rows += w < MK_R(1.0);
-        u->unused_rows += w == MK_R(0.0);
+        u->weighted_rows = (uint16_t)(u->weighted_rows + (w < MK_R(1.0)));
+        u->unused_rows = (uint16_t)(u->unused_rows + (w == MK_R(0.0)));
         u->e[r] *= w;
     }
     if (u->weighted_rows == 0) return MK_OK;
@@ -156,10 +156,10 @@ static mk_status_t MK_F(mk_reweigh)(MK_F_T(mk_updating) * u) {
 }
 
 /* What an update leaves of its weights. */
-static void MK_F(mk_weights_commit)(const MK_F_T(mk_updating) * u) {
+MK_NOINLINE void MK_F(mk_weights_commit)(const MK_F_T(mk_updating) * u) {
     const MK_F_T(mk_row_weights) *const weights = u->config->weights;
-    u->view->core->weighted_rows = (uint16_t)u->weighted_rows;
-    u->view->core->unused_rows = (uint16_t)u->unused_rows;
+    u->view->core->weighted_rows = u->weighted_rows;
+    u->view->core->unused_rows = u->unused_rows;
     int first = 0;
     for (int l = 0; l < u->slots; l++) {
         const int used = u->weighed && u->factor[l] > MK_R(0.0);
