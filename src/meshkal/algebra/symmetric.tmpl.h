@@ -39,6 +39,14 @@ MK_KERNEL void MK_F(mk_ldl_forward)(int n, int columns, const MK_REAL *MK_RESTRI
     }
 }
 
+/* x := L'^-1 D^-1 x, so that after mk_ldl_forward of one column it is S^-1 x. */
+MK_KERNEL void MK_F(mk_ldl_backward)(int n, const MK_REAL *MK_RESTRICT L, MK_REAL *MK_RESTRICT x) {
+    for (int i = n - 1; i >= 0; i--) {
+        x[i] *= L[MK_AT(i, i)];
+        for (int k = i + 1; k < n; k++) x[i] -= L[MK_AT(k, i)] * x[k];
+    }
+}
+
 /* Row i of the inverse below, rows above done. Returns 1, or 0 if S is not positive definite. */
 MK_KERNEL int MK_F(mk_inverse_row)(int i, MK_REAL *MK_RESTRICT S, MK_REAL *MK_RESTRICT K, MK_REAL *MK_RESTRICT Z) {
     MK_REAL *const MK_RESTRICT row = K + MK_AT(i, 0);
