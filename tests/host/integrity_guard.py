@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Detection, isolation, exclusion and end of faults over many runs at once (own; spec 3.3, open problem): AIME, the row with the largest T_j,
 its exclusion, and the sequential test of integrity_end. The window begins again, empty, where a row is excluded or comes back; AIME alarms with
-any number of epochs in it, since its law needs no full window (with one epoch it is RCTM)."""
+any number of epochs in it, since its law needs no full window (with one epoch it is RCTM). A row is isolated where its T_j leads the next by
+`separation`, or after `patience` epochs of alarm without that."""
 import numpy as np
 from scipy import stats
 
@@ -10,7 +11,7 @@ import integrity_model as model
 import integrity_reference as reference
 
 
-def run(zs, Phis, Qs, H, scheme='rekf-t', exclude=True, false_alarm=8e-10, M=10, keep=(), most=4, R=None, P0=None, **options):
+def run(zs, Phis, Qs, H, scheme='rekf-t', exclude=True, false_alarm=8e-10, M=10, keep=(), most=3, separation=10.0, patience=5, R=None, P0=None, **options):
     """zs: (epochs, runs, n). Returns arrays (epochs, runs): row (isolated in this epoch, -1: none); (epochs, runs, n): faulty (after this epoch),
     over, back, changed, r, s (= S_jj); of the names in `keep` also x, b, q_a. exclude False: the weights of `scheme` alone protect the filter."""
     epochs, runs, n = zs.shape
@@ -20,6 +21,7 @@ def run(zs, Phis, Qs, H, scheme='rekf-t', exclude=True, false_alarm=8e-10, M=10,
     window_r, window_i = np.zeros((M, runs, n)), np.zeros((M, runs, n, n))
     test = integrity_end.EndOfFault((runs, n), window=M, **options)
     threshold = np.array([np.inf] + [stats.chi2.isf(false_alarm, i) for i in range(1, n + 1)])
+    waited = np.zeros(runs, int)
     out = {'row': np.full((epochs, runs), -1)} | {name: np.zeros((epochs, runs, n), bool) for name in ('faulty', 'over', 'back', 'changed')}
     out |= {name: np.zeros((epochs, runs, n)) for name in ('r', 's')} | {name: [] for name in keep}
     for k in range(epochs):
@@ -34,8 +36,11 @@ def run(zs, Phis, Qs, H, scheme='rekf-t', exclude=True, false_alarm=8e-10, M=10,
         window_r[k % M], window_i[k % M] = r, reference.information(S, ~faulty)
         q_a, v, I = reference.aime(window_r, window_i)
         alarm = (q_a > threshold[(~faulty).sum(1)]) & (faulty.sum(1) < most)
+        T, j = reference.isolate(v, I)
+        ordered = np.sort(T, axis=1)
+        waited = np.where(alarm, waited + 1, 0)
+        alarm &= (ordered[:, -1] - ordered[:, -2] >= separation) | (waited > patience)
         if alarm.any():
-            _, j = reference.isolate(v, I)
             new = np.zeros_like(faulty)
             new[np.nonzero(alarm)[0], j[alarm]] = True
             information = np.einsum('...jj->...j', I)
