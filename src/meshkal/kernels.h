@@ -108,6 +108,10 @@ extern "C" {
 /* The update of meshkal/unscented.h with the kernels of filter/unscented_kernels.tmpl.h compiled elsewhere. */
 mk_status_t mk_unscented_update_with_f32(int n, int m, int slots, const mk_unscented_view_f32_t *view, const mk_unscented_kernels_f32_t *kernels);
 mk_status_t mk_unscented_update_with_f64(int n, int m, int slots, const mk_unscented_view_f64_t *view, const mk_unscented_kernels_f64_t *kernels);
+mk_status_t mk_unscented_update_weighted_with_f32(int n, int m, int slots, const mk_unscented_view_f32_t *view, const mk_row_weights_f32_t *weights,
+                                                  const mk_unscented_kernels_f32_t *kernels);
+mk_status_t mk_unscented_update_weighted_with_f64(int n, int m, int slots, const mk_unscented_view_f64_t *view, const mk_row_weights_f64_t *weights,
+                                                  const mk_unscented_kernels_f64_t *kernels);
 #ifdef __cplusplus
 }
 #endif

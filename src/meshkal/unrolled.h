@@ -123,6 +123,12 @@
         mk_##real##_t work[MK_UNSCENTED_UPDATE_WORK(n, m, slot_count)];                                                       \
         const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
         return mk_unscented_update_with_##real(n, m, slot_count, &view, &kernels);                                            \
+    }                                                                                                                         \
+    MK_INLINE mk_status_t name##_update_weighted(name##_t *f, const mk_row_weights_##real##_t *weights) {                     \
+        const mk_unscented_kernels_##real##_t kernels = {name##_stack, name##_absorb};                                        \
+        mk_##real##_t work[MK_UNSCENTED_UPDATE_WORK(n, m, slot_count)];                                                       \
+        const mk_unscented_view_##real##_t view = name##_view(f, work);                                                       \
+        return mk_unscented_update_weighted_with_##real(n, m, slot_count, &view, weights, &kernels);                          \
     }
 
 #endif

@@ -107,6 +107,7 @@ MK_UNSCENTED_UNROLLED(unrolled_f64, f64, 17, 1, 8);
         Sensor sensor[PRIORS][M];                                                                                              \
         Config config[PRIORS];                                                                                                 \
         Weights weights;                                                                                                       \
+        bool robust;                                                                                                           \
         T L[PRIORS][MK_PACKED(N)], k0[M], k1[M];                                                                               \
         bool make(const Case<T> *cases, bool weighted) {                                                                       \
             bool good = mk_weight_thresholds_##real(MK_STATISTIC_STUDENT, 0.1, M, k0) == MK_OK &&                              \
@@ -126,7 +127,7 @@ MK_UNSCENTED_UNROLLED(unrolled_f64, f64, 17, 1, 8);
                 Config &c = config[p];                                                                                         \
                 std::memset(&c, 0, sizeof c);                                                                                  \
                 c.n = N, c.m = 1, c.slots = M, c.transition.A = A, c.sensor = sensor[p], c.x0 = x0, c.P0 = P0;                 \
-                c.increments = 1, c.update = MK_UPDATE_EXTENDED, c.weights = weighted ? &weights : nullptr;                    \
+                c.increments = 1, c.update = MK_UPDATE_EXTENDED, robust = weighted;                                            \
                 good = good && name##_start(&filter[p], &c) == MK_OK;                                                          \
                 std::memcpy(L[p], filter[p].L, sizeof L[p]);                                                                   \
             }                                                                                                                  \
@@ -136,7 +137,7 @@ MK_UNSCENTED_UNROLLED(unrolled_f64, f64, 17, 1, 8);
             std::memcpy(filter[p].L, L[p], sizeof L[p]);                                                                       \
             std::memset(filter[p].x, 0, sizeof filter[p].x);                                                                   \
             for (int r = 0; r < M; r++) name##_put(&filter[p], r, &cases[p].z(r));                                             \
-            return name##_update(&filter[p]) == MK_OK;                                                                         \
+            return (robust ? name##_update_weighted(&filter[p], &weights) : name##_update(&filter[p])) == MK_OK;               \
         }                                                                                                                      \
         T covariance(int p, T *P) { return name##_covariance(&filter[p], P) == MK_OK ? T(0) : T(NAN); }                        \
     };

@@ -318,27 +318,29 @@ def test_refused_weights(code):
     count = len(z) * max(map(len, H))
     good = limits(code, STUDENT, count + 1)
 
-    def started(k, update=EXTENDED, kind=STUDENT):
+    def updated(k, update=EXTENDED, kind=STUDENT):
         f = Filter(code, n, np.eye(n), np.zeros((n, n)), list(zip(map(linear, H), R)), x, P, kind=update, increments=2, weights=(kind, *k))
+        assert f.start() == OK
+        put_all(f, z)
         before = f.state()
-        found = f.start()
+        found = f.update()
         assert found == OK or f.state() == before
         return found
-    assert started(good) == started(good, UNSCENTED) == OK
+    assert updated(good) == updated(good, UNSCENTED) == OK
     for update in (PROGRESSIVE, ITERATED, LITERAL):
-        assert started(good, update) == ARGUMENT
-    assert started(good, kind=2) == ARGUMENT
-    assert started((None, good[1])) == started((good[0], None)) == ARGUMENT
+        assert updated(good, update) == ARGUMENT
+    assert updated(good, kind=2) == ARGUMENT
+    assert updated((None, good[1])) == updated((good[0], None)) == ARGUMENT
 
     def changed(which, value, place=-1):
         k = [a.copy() for a in good]
         k[which][count - 1 if place == -1 else place] = value
         return k
     for value in (np.nan, np.inf, -np.inf):
-        assert started(changed(0, value)) == started(changed(1, value)) == NOT_FINITE
-    assert started(changed(0, 100.0)) == started(changed(0, -1.0)) == started(changed(1, 0.0)) == started(changed(0, 0.0)) == ARGUMENT
-    assert started((good[1], good[1])) == ARGUMENT
-    assert started(changed(0, np.nan, count)) == OK  # beyond the rows there are: not read
+        assert updated(changed(0, value)) == updated(changed(1, value)) == NOT_FINITE
+    assert updated(changed(0, 100.0)) == updated(changed(0, -1.0)) == updated(changed(1, 0.0)) == updated(changed(0, 0.0)) == ARGUMENT
+    assert updated((good[1], good[1])) == ARGUMENT
+    assert updated(changed(0, np.nan, count)) == OK  # beyond the rows there are: not read
 
 
 def test_failure_leaves_the_weights(code):

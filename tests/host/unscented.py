@@ -53,7 +53,7 @@ class Types:
         self.transition = struct("Transition", ("model", self.model), ("A", c_void_p), ("Q", c_void_p))
         self.config = struct("Config", ("n", c_uint16), ("m", c_uint16), ("slots", c_uint16), ("transition", self.transition), ("sensor", c_void_p),
                              ("x0", c_void_p), ("P0", c_void_p), ("transform", self.transform), ("gate", c_void_p), ("increments", c_uint16),
-                             ("update", c_uint8), ("rule", c_uint8), ("one_at_a_time", c_uint8), ("weights", c_void_p))
+                             ("update", c_uint8), ("rule", c_uint8), ("one_at_a_time", c_uint8))
         self.core = struct("Core", ("config", c_void_p), ("stacked", self.record), ("nis", real),
                            *((name, c_uint16) for name in ("nis_rows", "measurements", "increments", "gated_updates", "failed")),
                            ("stopped", c_uint8), ("started", c_uint8),
@@ -109,10 +109,10 @@ class Filter:
                                policy=gate.get("policy", SKIP))
             c.gate = ctypes.addressof(self.gate)
         self.weight, self.statistic = (np.full(rows, np.nan, t.numpy) for _ in range(2))
+        self.robust = bool(weights)
         if weights:
             kind, k0, k1 = weights
             self.weights = t.weights(self.address(k0), self.address(k1), self.weight.ctypes.data, self.statistic.ctypes.data, kind)
-            c.weights = ctypes.addressof(self.weights)
         for name, value in (config or {}).items():
             setattr(c, name, value)
         self.core, self.record = t.core(), (t.record * slots)()
@@ -123,7 +123,7 @@ class Filter:
         update = (rows * (2 * n + 3) + rows * (rows + 1) // 2 + 2 * packed + n + 2 * self.m + 2 * slots +
                   max((n + self.m) * (2 * n + 1), rows * (n + 1) + rows * (rows + 1) // 2 + 3 * n + packed))
         other = n * n + 2 * packed + 2 * n + self.m * (self.m + 1) // 2
-        self.sizes = {"predict": predict, "update": update, "contribution": update, "innovations": update}
+        self.sizes = {"predict": predict, "update": update, "update_weighted": update, "contribution": update, "innovations": update}
         self.other, self.work = other, np.zeros(max(predict, update, other) + 16, t.numpy)
         self.view = t.view(ctypes.addressof(self.core), *(a.ctypes.data for a in (self.x, self.L, self.z, self.have)),
                            ctypes.addressof(self.record), self.work.ctypes.data)
@@ -211,6 +211,8 @@ class Filter:
         return found, r[:count], unpack(S[:count * (count + 1) // 2], count), rows
 
     def update(self):
+        if self.robust:
+            return self.call("update_weighted", self.n, self.m, self.slots, byref(self.view), byref(self.weights))
         return self.call("update", self.n, self.m, self.slots, byref(self.view))
 
     def covariance(self):

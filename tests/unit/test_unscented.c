@@ -87,10 +87,6 @@ static void run_long(int update, int steps, int robust) {
     int judged = 0;
     long_prepare_f32(&model, q, p, r, start_at, update);
     long_prepare_f64(&model_twin, q, p, r, start_at, update);
-    if (robust) {
-        model.config.weights = &weights;
-        model_twin.config.weights = &weights_twin;
-    }
     /* The same numbers in both. */
     for (int i = 0; i < 10; i++) {
         model_twin.Q[i] = (double)model.Q[i];
@@ -131,8 +127,8 @@ static void run_long(int update, int steps, int robust) {
             assert_int_equal(single_put(&f, l, z), MK_OK);
             assert_int_equal(twice_put(&twin, l, y), MK_OK);
         }
-        assert_int_equal(single_update(&f), MK_OK);
-        assert_int_equal(twice_update(&twin), MK_OK);
+        assert_int_equal(robust ? single_update_weighted(&f, &weights) : single_update(&f), MK_OK);
+        assert_int_equal(robust ? twice_update_weighted(&twin, &weights_twin) : twice_update(&twin), MK_OK);
         weighted += f.core.weighted_rows;
         unused += f.core.unused_rows;
         double e[4], e_twin[4], d[4], L[10];
@@ -222,7 +218,6 @@ static void random_weighted(void **unused) {
     config.P0 = P0;
     config.transform = cubature;
     config.increments = 1;
-    config.weights = &weights;
     for (int step = 0; step < UNIT_LONG_RUN / 10; step++) {
         if (step % 500 == 0) {
             for (int i = 0; i < 6; i++) {
@@ -241,7 +236,7 @@ static void random_weighted(void **unused) {
             if (l == wild || draw_chance(&g, 0.1)) z *= (float)draw_log_uniform(&g, 1.0, l == wild ? 1e37 : 1e2);
             assert_int_equal(eight_put(&f, l, &z), MK_OK);
         }
-        assert_int_equal(eight_update(&f), MK_OK);
+        assert_int_equal(eight_update_weighted(&f, &weights), MK_OK);
         weighted += f.core.weighted_rows > 0;
         none += f.core.unused_rows > 0;
         for (int i = 0; i < 6; i++) assert_true(eight_root(&f)[MK_PACKED(i + 1) - 1] > 0.0f && fabs((double)eight_estimate(&f)[i]) < 1e30);

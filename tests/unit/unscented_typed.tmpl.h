@@ -58,9 +58,8 @@ static void OWN(_typed)(void **unused) {
         assert_int_equal(NAME(mk_weight_thresholds)(kind % 2, 0.1, M * SLOTS, k1), MK_OK);
         memset(weight, 0, sizeof weight);
         memset(statistic, 0, sizeof statistic);
-        if (kind >= 5 && config.update <= MK_UPDATE_EXTENDED) config.weights = &weights[0];
+        const int robust = kind >= 5 && config.update <= MK_UPDATE_EXTENDED;
         twin = config;
-        if (twin.weights) twin.weights = &weights[1];
 
         OWN(_t) *f = calloc(1, sizeof *f);
         TYPE(mk_unscented_view) view;
@@ -111,8 +110,9 @@ static void OWN(_typed)(void **unused) {
                 assert_int_equal(OWN(_inform)(f, (REAL)2.0, s, S), MK_OK);
                 assert_int_equal(NAME(mk_unscented_inform)(N, &view, (REAL)2.0, s, S), MK_OK);
             } else {
-                assert_int_equal(OWN(_update)(f), MK_OK);
-                assert_int_equal(NAME(mk_unscented_update)(N, M, SLOTS, &view), MK_OK);
+                assert_int_equal(robust ? OWN(_update_weighted)(f, &weights[0]) : OWN(_update)(f), MK_OK);
+                assert_int_equal(robust ? NAME(mk_unscented_update_weighted)(N, M, SLOTS, &view, &weights[1])
+                                        : NAME(mk_unscented_update)(N, M, SLOTS, &view), MK_OK);
             }
             if (step == 40) {
                 assert_int_equal(OWN(_restart)(f, x0, P0), MK_OK);
@@ -142,7 +142,7 @@ static void OWN(_typed)(void **unused) {
             }
         }
         /* Student's weights begin with four rows. */
-        assert_true(!config.weights || weighted > (M * SLOTS > 1 ? 10 : 0) || (kind % 2 == MK_STATISTIC_STUDENT && most < 4));
+        assert_true(!robust || weighted > (M * SLOTS > 1 ? 10 : 0) || (kind % 2 == MK_STATISTIC_STUDENT && most < 4));
         free(f);
         free(view.core);
         free(view.x);

@@ -15,6 +15,7 @@ typedef struct {
     MK_REAL *factor;                 /* slots: what the gate says of a sensor, 0 where there is nothing to use */
     MK_REAL *d2, together;           /* slots: and why; of all together, negative if they were not judged */
     MK_REAL nis;
+    const MK_F_T(mk_row_weights) *weights; /* null: none */
     uint16_t weighted_rows, unused_rows; /* rows with a weight below 1, and with 0 */
     uint8_t weighed;                     /* 1: the statistics are in b */
     MK_F_T(mk_linear) linear;        /* stacked */

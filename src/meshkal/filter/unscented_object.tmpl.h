@@ -66,8 +66,7 @@ static mk_status_t MK_F(mk_unscented_check)(int n, int m, int slots, const MK_F_
         const mk_status_t status = MK_F(mk_factor)(sensor->rows, sensor->R, work);
         if (status != MK_OK) return status;
     }
-    const mk_status_t weights = config->weights ? MK_F(mk_row_weights_check)(config->weights, config->update, m * slots) : MK_OK;
-    return weights == MK_OK && config->gate ? MK_F(mk_gate_check)(config->gate, m, m * slots) : weights;
+    return config->gate ? MK_F(mk_gate_check)(config->gate, m, m * slots) : MK_OK;
 }
 
 static mk_status_t MK_F(mk_unscented_reset)(int n, int slots, const MK_F_T(mk_unscented_view) * view, const MK_REAL *x0, const MK_REAL *P0) {

@@ -179,17 +179,21 @@ static mk_status_t MK_F(mk_prepare)(MK_F_T(mk_updating) * u) {
     return MK_F(mk_stack_prior)(u);
 }
 
-/* x, L := those given what is stacked, its noise times `scale`. */
-static mk_status_t MK_F(mk_use)(MK_F_T(mk_updating) * u, MK_REAL scale) {
+/* x, L := those given what is stacked, its noise times `scale`; not looked at yet. */
+static mk_status_t MK_F(mk_absorb)(MK_F_T(mk_updating) * u, MK_REAL scale) {
     const MK_REAL nis = u->kernels->absorb(u, 0, u->rows, scale, u->L, u->x);
     if (nis < MK_R(0.0)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
     if (u->nis < MK_R(0.0)) u->nis = nis;
-    if (u->config->weights) {
-        const mk_status_t status = MK_F(mk_reweigh)(u);
-        if (status != MK_OK) return status;
-        if (!(u->nis <= MK_LARGEST)) u->nis = MK_LARGEST; /* of a reading that is not used */
-    }
+    return MK_OK;
+}
+
+static mk_status_t MK_F(mk_look)(const MK_F_T(mk_updating) * u) {
     return MK_F(mk_all_finite)(u->n, u->x) && MK_F(mk_all_finite)(MK_AT(u->n, 0), u->L) && MK_F(mk_is_factor)(u->n, u->L) ? MK_OK : MK_ERROR_NOT_FINITE;
+}
+
+static mk_status_t MK_F(mk_use)(MK_F_T(mk_updating) * u, MK_REAL scale) {
+    const mk_status_t status = MK_F(mk_absorb)(u, scale);
+    return status == MK_OK ? MK_F(mk_look)(u) : status;
 }
 
 /* What the rule compares. */
@@ -305,6 +309,8 @@ static void MK_F(mk_unscented_commit)(const MK_F_T(mk_updating) * u, int done, i
     core->rule_fired += (uint32_t)stopped;
     core->failed = (uint16_t)u->slots;
     core->updates += u->present > 0;
+    core->weighted_rows = u->weighted_rows;
+    core->unused_rows = u->unused_rows;
     for (int l = 0; l < u->slots; l++) {
         if (!view->have[l]) continue;
         const MK_REAL threshold = gate && gate->sensor && !u->back ? gate->sensor[u->config->sensor[l].rows - 1] : MK_R(0.0);
@@ -340,10 +346,8 @@ mk_status_t MK_F(mk_unscented_update_with)(int n, int m, int slots, const MK_F_T
             done = 1;
         }
     }
-    if (status != MK_OK) return status;
-    MK_F(mk_unscented_commit)(&u, done, stopped);
-    if (u.config->weights) MK_F(mk_weights_commit)(&u);
-    return MK_OK;
+    if (status == MK_OK) MK_F(mk_unscented_commit)(&u, done, stopped);
+    return status;
 }
 
 mk_status_t MK_F(mk_unscented_update)(int n, int m, int slots, const MK_F_T(mk_unscented_view) * view) {

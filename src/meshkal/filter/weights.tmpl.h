@@ -62,9 +62,9 @@ void MK_F(mk_weight_statistics)(int kind, int rows, const MK_REAL *r, const MK_R
     }
 }
 
-/* What start says of weights for up to `most` rows. */
+/* What an update says of weights for up to `most` rows. */
 static mk_status_t MK_F(mk_row_weights_check)(const MK_F_T(mk_row_weights) * weights, int update, int most) {
-    if (!weights->k0 || !weights->k1 || weights->kind > MK_STATISTIC_STUDENT || (update != MK_UPDATE_UNSCENTED && update != MK_UPDATE_EXTENDED))
+    if (!weights || !weights->k0 || !weights->k1 || weights->kind > MK_STATISTIC_STUDENT || (update != MK_UPDATE_UNSCENTED && update != MK_UPDATE_EXTENDED))
         return MK_ERROR_ARGUMENT;
     if (!MK_F(mk_all_finite)(most, weights->k0) || !MK_F(mk_all_finite)(most, weights->k1)) return MK_ERROR_NOT_FINITE;
     for (int i = 0; i < most; i++)
@@ -74,8 +74,8 @@ static mk_status_t MK_F(mk_row_weights_check)(const MK_F_T(mk_row_weights) * wei
 }
 
 /* Of stacked row r, whose statistic is in b. */
-MK_NOINLINE MK_REAL MK_F(mk_weight_of)(const MK_F_T(mk_updating) * u, int r) {
-    const MK_F_T(mk_row_weights) *const weights = u->config->weights;
+static MK_REAL MK_F(mk_weight_of)(const MK_F_T(mk_updating) * u, int r) {
+    const MK_F_T(mk_row_weights) *const weights = u->weights;
     return MK_F(mk_igg3_weight)(u->b[r], weights->k0[u->rows - 1], weights->k1[u->rows - 1]);
 }
 
@@ -106,11 +106,11 @@ static void MK_F(mk_gain_times)(const MK_F_T(mk_updating) * u, MK_REAL *v, MK_RE
        (I - Kw H) P0 (I - Kw H)' + Kw N Kw' = P + K (I - W) S (I - W) K'
    without the difference on the left: the columns of K (I - W) root(S), of the rows with a weight below 1 alone, are added to L L' = P one after another.
    Their root is that of N, to which the columns of D are added likewise. Leaves the statistics in b. */
-MK_NOINLINE mk_status_t MK_F(mk_reweigh)(MK_F_T(mk_updating) * u) {
+static mk_status_t MK_F(mk_reweigh)(MK_F_T(mk_updating) * u) {
     const int n = u->n, rows = u->rows;
     MK_REAL *const C = u->noise, *const v = u->e, *const columns = u->B;
     for (int r = 0; r < rows; r++) u->b[r] = u->noise[MK_AT(r, r)] + MK_F(mk_stack_spread)(n, u, r, r);
-    MK_F(mk_weight_statistics)(u->config->weights->kind, rows, u->e, u->b, u->b);
+    MK_F(mk_weight_statistics)(u->weights->kind, rows, u->e, u->b, u->b);
     u->weighed = 1;
     for (int r = 0; r < rows; r++) {
         const MK_REAL w = MK_F(mk_weight_of)(u, r);
@@ -156,10 +156,8 @@ MK_NOINLINE mk_status_t MK_F(mk_reweigh)(MK_F_T(mk_updating) * u) {
 }
 
 /* What an update leaves of its weights. */
-MK_NOINLINE void MK_F(mk_weights_commit)(const MK_F_T(mk_updating) * u) {
-    const MK_F_T(mk_row_weights) *const weights = u->config->weights;
-    u->view->core->weighted_rows = u->weighted_rows;
-    u->view->core->unused_rows = u->unused_rows;
+static void MK_F(mk_weights_commit)(const MK_F_T(mk_updating) * u) {
+    const MK_F_T(mk_row_weights) *const weights = u->weights;
     int first = 0;
     for (int l = 0; l < u->slots; l++) {
         const int used = u->weighed && u->factor[l] > MK_R(0.0);
@@ -170,4 +168,30 @@ MK_NOINLINE void MK_F(mk_weights_commit)(const MK_F_T(mk_updating) * u) {
         }
         first += used ? u->config->sensor[l].rows : 0;
     }
+}
+
+mk_status_t MK_F(mk_unscented_update_weighted_with)(int n, int m, int slots, const MK_F_T(mk_unscented_view) * view, const MK_F_T(mk_row_weights) * weights,
+                                                    const MK_F_T(mk_unscented_kernels) * kernels) {
+    MK_F_T(mk_updating) u;
+    if (!view->core->started) return MK_ERROR_ORDER;
+    mk_status_t status = MK_F(mk_row_weights_check)(weights, view->core->config->update, m * slots);
+    if (status != MK_OK) return status;
+    MK_F(mk_updating_open)(n, m, slots, view, kernels, &u);
+    u.weights = weights;
+    status = MK_F(mk_prepare)(&u);
+    if (status == MK_OK && u.rows > 0) {
+        status = MK_F(mk_absorb)(&u, MK_R(1.0));
+        if (status == MK_OK) status = MK_F(mk_reweigh)(&u);
+        if (status == MK_OK) status = MK_F(mk_look)(&u);
+        if (!(u.nis <= MK_LARGEST)) u.nis = MK_LARGEST; /* of a reading that is not used */
+    }
+    if (status != MK_OK) return status;
+    MK_F(mk_weights_commit)(&u);
+    MK_F(mk_unscented_commit)(&u, u.rows > 0, 0);
+    return MK_OK;
+}
+
+mk_status_t MK_F(mk_unscented_update_weighted)(int n, int m, int slots, const MK_F_T(mk_unscented_view) * view, const MK_F_T(mk_row_weights) * weights) {
+    const MK_F_T(mk_unscented_kernels) kernels = MK_F(mk_shared_kernels)();
+    return MK_F(mk_unscented_update_weighted_with)(n, m, slots, view, weights, &kernels);
 }
