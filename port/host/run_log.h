@@ -24,6 +24,7 @@ typedef struct {
     double loss;
     const int *first, *slot;   /* slots of the estimators, as in mk_scenario_t */
     const int *estimator_node; /* node of each, where not every node has one; otherwise null */
+    const mk_monitor_settings_t *monitor; /* of all estimators; null or its scheme MK_MONITOR_NONE: there is none */
 } mk_run_facts_t;
 
 /* path "-" is standard output. 1, or 0 and *error. */

@@ -11,15 +11,18 @@
 #include "dense.h"
 #include "file.h"
 #include "json_place.h"
+#include "scenario_faults.h"
 #include "scenario_graph.h"
+#include "scenario_monitor.h"
 #include "scenario_navigation.h"
 #include "scenario_nodes.h"
 #include "scenario_read.h"
 #include "scenario_tracking.h"
 
-static const char *const top_keys[] = {"name", "model", "nodes", "edges", "weights", "tolerance", "steps", "seed", NULL};
+static const char *const top_keys[] = {"name", "model", "nodes", "edges", "weights", "tolerance",
+                                       "steps", "seed", "faults", "monitor", NULL};
 static const char *const tracking_keys[] = {"name", "model", "nodes",        "edges",    "weights", "tolerance",
-                                            "steps", "seed", "reading_loss", "tracking", NULL};
+                                            "steps", "seed", "faults", "monitor", "reading_loss", "tracking", NULL};
 static const char *const model_keys[] = {"A", "Q", "input", "x0", "P0", "dt_s", "position_states", NULL};
 
 static int read_model(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
@@ -86,7 +89,7 @@ static int read_rest(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
         if (!json_is_integer(seed) || json_integer_value(seed) < 0) return mk_read_bad(reader, "seed", "must be an integer, 0 or above");
         s->seed = (uint64_t)json_integer_value(seed);
     }
-    return !s->tracking || mk_read_tracking(reader, root, s);
+    return mk_read_faults(reader, root, s) && mk_read_monitor(reader, root, s) && (!s->tracking || mk_read_tracking(reader, root, s));
 }
 
 static int hash_text(mk_scenario_t *s, mk_error_t *error) {
@@ -149,6 +152,7 @@ void mk_scenario_free(mk_scenario_t *s) {
     mk_tracking_free(s->tracking, s->n, s->nodes);
     mk_navigation_free(s->navigation);
     free(s->name);
+    free(s->fault);
     free(s->A);
     free(s->Q);
     free(s->input);

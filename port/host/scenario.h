@@ -16,6 +16,20 @@ typedef struct {
     double position_m[3];
 } mk_sensor_t;
 
+/* What is added to row `row` of node `node` for from_s < t <= to_s: step + rate (t - from_s). */
+typedef struct {
+    int node, row;
+    double from_s, to_s, rate, step;
+} mk_sensor_fault_t;
+
+/* Of the monitors (meshkal/monitor.h), whose configuration explains them. */
+typedef struct {
+    int scheme, window, most; /* scheme: MK_MONITOR_, or MK_MONITOR_NONE of scenario_monitor.h */
+    double false_alarm;       /* Pfa */
+    double jump;              /* 0: 2 x window */
+    double evidence, separation;
+} mk_monitor_settings_t;
+
 typedef struct {
     char *name;
     int n;
@@ -40,6 +54,10 @@ typedef struct {
     double tolerance;
     int steps;
     uint64_t seed;
+
+    int faults;
+    mk_sensor_fault_t *fault;
+    mk_monitor_settings_t monitor;
 
     struct mk_tracking *tracking; /* motion and sensors that are not linear (scenario_tracking.h); null: the scenario is linear, or .. */
     struct mk_navigation *navigation; /* .. an inertial unit with satellites (scenario_navigation.h) where this is not null */

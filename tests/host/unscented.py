@@ -51,11 +51,12 @@ class Types:
         self.transition = struct("Transition", ("model", self.model), ("A", c_void_p), ("Q", c_void_p))
         self.config = struct("Config", ("n", c_uint16), ("m", c_uint16), ("slots", c_uint16), ("transition", self.transition), ("sensor", c_void_p),
                              ("x0", c_void_p), ("P0", c_void_p), ("transform", self.transform), ("gate", c_void_p), ("increments", c_uint16),
-                             ("update", c_uint8), ("rule", c_uint8), ("one_at_a_time", c_uint8))
+                             ("update", c_uint8), ("rule", c_uint8), ("one_at_a_time", c_uint8), ("weights", c_void_p))
         self.core = struct("Core", ("config", c_void_p), ("stacked", self.record), ("nis", real),
                            *((name, c_uint16) for name in ("nis_rows", "measurements", "increments", "gated_updates", "failed")),
                            ("stopped", c_uint8), ("started", c_uint8),
-                           *((name, c_uint32) for name in ("predictions", "updates", "rule_fired", "reinitialised", "rejected")))
+                           *((name, c_uint32) for name in ("predictions", "updates", "rule_fired", "reinitialised", "rejected")),
+                           ("weighted_rows", c_uint16), ("unused_rows", c_uint16))
         self.view = struct("View", *((name, c_void_p) for name in ("core", "x", "L", "z", "have", "record", "work")))
 
 

@@ -25,7 +25,8 @@ static int read_arguments(int argc, char **argv, int alone, arguments_t *a, cons
                                    {"horizon", &a->horizon, NULL},     {"out", &a->out, NULL},                   {"json", &a->json, NULL},
                                    {"threads", &a->threads, NULL},     {"resume", &a->resume, NULL},           {"frozen", &a->frozen, NULL},
                                    {"arrivals", &a->arrivals, NULL},
-                                   {"record", &a->record, NULL},
+                                   {"record", &a->record, NULL},       {"monitor", &a->monitor, NULL},         {"window", &a->window, NULL},
+                                   {"false-alarm", &a->false_alarm, NULL},
                                    {"models", &a->models, NULL}, {"from-step", &a->from_step, NULL}, {"lost-m", &a->lost_m, NULL},
                                    {"increments", &a->increments, NULL}, {"rule", &a->rule, NULL}, {"gate", &a->gate, NULL},
                                    {"iterations", &a->iterations, NULL}, {"protocol", &a->protocol, NULL},
@@ -88,7 +89,7 @@ static int set_campaign(mk_campaign_t *c, const arguments_t *a, const mk_scenari
         return mk_fail(error, "--record: %d nodes, but frames have 16 bits for the number of a node", s->nodes);
     if (s->nodes > UINT16_MAX && (!c->filter || c->filter->central))
         return mk_fail(error, "a centralised filter takes at most %d nodes, not %d", UINT16_MAX, s->nodes);
-    return set_shares(c, a, team, error);
+    return mk_monitor_options(a->monitor, a->window, a->false_alarm, s, &c->monitor, error) && set_shares(c, a, team, error);
 }
 
 static int open_source(mk_source_t *source, mk_campaign_t *c, const arguments_t *a, mk_error_t *error) {
