@@ -9,6 +9,7 @@
 #include <meshkal/gamma.h>
 #include <meshkal/gate.h>
 #include <meshkal/model.h>
+#include <meshkal/monitor.h>
 #include <meshkal/node.h>
 #include <meshkal/quantile.h>
 #include <meshkal/record.h>
