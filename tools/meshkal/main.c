@@ -40,6 +40,8 @@ static const char simulate_help[] =
     "    --truth nominal|least-favourable   model that is drawn from (default nominal)\n"
     "    --truth FILE.csv     recorded truth of recorded measurements: columns t,state,value\n"
     "    --horizon T          last step of the least favourable model (default: 100 after the run)\n"
+    "    --monitor none|rctm|aime|aime-improved|exclude   each filter has its integrity monitor (meshkal/monitor.h; default none)\n"
+    "    --window M --false-alarm P               of the monitors, instead of the scenario's\n"
     "    --out FILE           log of the run, CBOR; - is standard output\n"
     "    --record DIR         a record of every node in the first run, for meshkal replay and for firmware\n"
     "    --json FILE          summary for programs\n"
