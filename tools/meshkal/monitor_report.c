@@ -13,10 +13,13 @@ static const char *const phases[MK_PHASES] = {"before", "during", "after"};
 
 /* --- for programs ---------------------------------------------------------------------------------------------------------- */
 
-/* One number of every run, null where it is not finite. */
+/* One number of every run in which there was something to find, null where it never was. */
 static json_t *of_runs(const mk_statistics_t *s, size_t i) {
     json_t *array = json_array();
-    for (int run = 0; run < s->runs; run++) (void)json_array_append_new(array, mk_json_number(s->alert[(size_t)run * s->mean.alerts + i]));
+    for (int run = 0; run < s->runs; run++) {
+        const double value = s->alert[(size_t)run * s->mean.alerts + i];
+        if (!isnan(value)) (void)json_array_append_new(array, mk_json_number(value));
+    }
     return array;
 }
 
@@ -87,7 +90,7 @@ static double member(json_t *object, const char *key) {
 static const char *name_of(json_t *filter) { return json_string_value(json_object_get(filter, "filter")); }
 
 static void print_phases(FILE *out, json_t *filters) {
-    (void)fprintf(out, "\nMSD [dB] of steps  %-21s %-21s %s\n", "before the faults", "during", "after");
+    (void)fprintf(out, "\nMSD [dB] of steps  %-21s %-21s %s\n", "before (second half)", "during the faults", "after");
     for (size_t i = 0; i < json_array_size(filters); i++) {
         json_t *filter = json_array_get(filters, i), *split = json_object_get(filter, "phase_msd");
         (void)fprintf(out, "%-17s", name_of(filter));

@@ -21,7 +21,7 @@ typedef struct {
     double *phase_msd, *alert;
 } mk_record_t;
 
-/* Before the first fault, until the last one is over, afterwards. */
+/* The second half of the steps before the first fault, until the last one is over, afterwards. */
 enum { MK_BEFORE, MK_DURING, MK_AFTER, MK_PHASES };
 
 /* phases: MK_PHASES or 0; alerts: numbers of monitors. */

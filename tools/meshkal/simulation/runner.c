@@ -375,7 +375,9 @@ static void split_msd(const mk_runner_t *r, mk_record_t *record) {
     const mk_scenario_t *s = r->c->scenario;
     const double begin = mk_faults_begin(s), end = mk_faults_end(s);
     double steps[MK_PHASES] = {0.0};
-    for (int t = 0; t < r->c->steps; t++) {
+    /* The last step before the faults. */
+    const int last = begin < 0.0 ? -1 : begin < r->c->steps * s->dt_s ? (int)floor(begin / s->dt_s) : r->c->steps - 1;
+    for (int t = last > 0 ? (last + 1) / 2 : 0; t < r->c->steps; t++) {
         const double t_s = t * s->dt_s;
         const int phase = t_s <= begin ? MK_BEFORE : t_s <= end ? MK_DURING : MK_AFTER;
         record->phase_msd[phase] += record->msd[t];
