@@ -248,12 +248,7 @@ mk_status_t MK_F(mk_rkfd_innovations)(int n, int m, int slots, const MK_F_T(mk_r
         const mk_status_t status = MK_F(mk_rkfd_innovation)(n, m, view, l, first, L, X, X + n * m, r + first, S);
         if (status != MK_OK) return status;
         /* X := V C_l', and with it the blocks to the left of this sensor's own. */
-        for (int i = n - 1; i >= 0; i--)
-            for (int c = 0; c < rows[l]; c++) {
-                MK_REAL sum = L[MK_AT(i, i)] * X[i * m + c];
-                for (int k = i + 1; k < n; k++) sum -= L[MK_AT(k, i)] * X[k * m + c];
-                X[i * m + c] = sum;
-            }
+        MK_F(mk_ldl_backward)(n, m, L, X);
         for (int k = 0, before = 0; k < l; before += rows[k++])
             for (int c = 0; c < rows[l]; c++)
                 for (int s = 0; s < rows[k]; s++) {
@@ -277,11 +272,7 @@ MK_REAL MK_F(mk_rkfd_exact_nis)(const MK_F_T(mk_rkfd_config) * config, const MK_
                                 const uint8_t *have_y, const MK_REAL *L, MK_REAL *b, MK_REAL *e) {
     const int n = config->n, m = config->m;
     const MK_REAL *C = config->C;
-    /* d = L^-T D^-1 b, from the last row up. */
-    for (int i = n - 1; i >= 0; i--) {
-        b[i] *= L[MK_AT(i, i)];
-        for (int k = i + 1; k < n; k++) b[i] -= L[MK_AT(k, i)] * b[k];
-    }
+    MK_F(mk_ldl_backward)(n, 1, L, b); /* d */
     MK_REAL sum = MK_F(mk_quadratic)(n, W, b, MK_R(0.0));
     for (int l = 0; l < config->slots; l++) {
         /* e = (y - C x) - C d; without C x where the slot holds an innovation. */
