@@ -38,6 +38,8 @@ static int MK_F(mk_monitor_factor)(uint32_t set, const MK_REAL *A, const MK_REAL
     return good;
 }
 
+static MK_REAL MK_F(mk_monitor_limit)(MK_REAL ratio) { return ratio <= MK_LARGEST ? ratio : MK_LARGEST; }
+
 /* e' S^-1 e, L being the factor of S; e := L^-1 e. */
 static MK_REAL MK_F(mk_monitor_square)(int n, const MK_REAL *L, MK_REAL *e) {
     MK_REAL sum = MK_R(0.0);
