@@ -166,7 +166,8 @@ static void hash(const mk_csv_t *csv, int count, char *sha256) {
     (void)sodium_bin2hex(sha256, 65, digest, sizeof digest);
 }
 
-mk_epochs_t *mk_epochs_record(const mk_scenario_t *s, const char *measurements, const char *inertial, const char *truth, long steps, mk_error_t *error) {
+mk_epochs_t *mk_epochs_record(const mk_scenario_t *s, const char *measurements, const char *inertial, const char *truth, long steps,
+                              mk_error_t *error) {
     static const char *const range_names[] = MK_NAV_PSEUDORANGE_COLUMNS, *const sample_names[] = MK_NAV_INERTIAL_COLUMNS,
                             *const truth_names[] = MK_NAV_TRUTH_COLUMNS;
     mk_csv_t csv[3];

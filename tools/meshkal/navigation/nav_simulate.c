@@ -18,9 +18,10 @@
 static int refuse_options(const mk_simulate_options_t *a, mk_error_t *error) {
     const struct {
         const char *name, *value;
-    } other[] = {{"loss", a->loss},         {"tolerance", a->tolerance}, {"horizon", a->horizon}, {"resume", a->resume},         {"frozen", a->frozen},
-                 {"arrivals", a->arrivals}, {"record", a->record},       {"models", a->models},   {"lost-m", a->lost_m},         {"increments", a->increments},
-                 {"rule", a->rule},         {"gate", a->gate},           {"split", a->split},     {"iterations", a->iterations}, {"protocol", a->protocol}};
+    } other[] = {{"loss", a->loss},     {"tolerance", a->tolerance}, {"horizon", a->horizon},       {"resume", a->resume}, {"frozen", a->frozen},
+                 {"record", a->record}, {"arrivals", a->arrivals},   {"models", a->models},         {"lost-m", a->lost_m}, {"rule", a->rule},
+                 {"gate", a->gate},     {"split", a->split},         {"increments", a->increments}, {"protocol", a->protocol},
+                 {"iterations", a->iterations}};
     for (size_t i = 0; i < sizeof other / sizeof other[0]; i++)
         if (other[i].value) return mk_fail(error, "--%s is not for navigation scenarios", other[i].name);
     if ((a->measurements != NULL) != (a->imu != NULL))
