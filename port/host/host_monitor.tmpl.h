@@ -30,6 +30,7 @@ MK_F_T(mk_host_monitor) * MK_F(mk_host_monitor_open)(const mk_monitor_settings_t
     h->config.level = (MK_REAL)settings->level;
     h->config.slope = (MK_REAL)settings->slope;
     h->config.most = (uint16_t)(settings->most < places ? settings->most : places);
+    h->config.patience = (uint16_t)settings->patience;
     h->config.scheme = (uint8_t)settings->scheme;
     h->view.core = &head->core;
     h->view.sensor = sensor;
