@@ -57,7 +57,8 @@ mk_status_t MK_F(mk_host_monitor_watch)(MK_F_T(mk_host_monitor) * h, int sensors
     return MK_F(mk_monitor_watch)(&view, sensors, id, rows, r, S);
 }
 
-void MK_F(mk_host_monitor_look)(const MK_F_T(mk_host_monitor) * h, const uint16_t *id, int slots, int e, size_t first, mk_monitor_snapshot_t *snapshot) {
+void MK_F(mk_host_monitor_look)(const MK_F_T(mk_host_monitor) * h, const uint16_t *id, int slots, int e, size_t first,
+                                mk_monitor_snapshot_t *snapshot) {
     const MK_F_T(mk_monitor) *const core = h->view.core;
     const int alone = h->config.scheme == MK_MONITOR_RCTM || core->quiet > 0, rows = alone ? core->rows : core->window_rows;
     MK_REAL *const rctm = snapshot->rctm, *const aime = snapshot->aime, *const threshold = snapshot->threshold, *const rho = snapshot->rho;

@@ -37,8 +37,10 @@ int mk_read_monitor(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
     m->separation = 10.0;
     m->most = 2;
     m->patience = 5;
-    if (settings && (!mk_read_keys(reader, settings, key, keys) || !mk_read_integer(reader, settings, key, "window", 1, MK_MONITOR_LONGEST, &m->window) ||
-                     !mk_read_between(reader, settings, key, "false_alarm", DBL_MIN, 1.0 - DBL_EPSILON, "a probability, above 0 and below 1", &m->false_alarm) ||
+    if (settings && (!mk_read_keys(reader, settings, key, keys) ||
+                     !mk_read_integer(reader, settings, key, "window", 1, MK_MONITOR_LONGEST, &m->window) ||
+                     !mk_read_between(reader, settings, key, "false_alarm", DBL_MIN, 1.0 - DBL_EPSILON, "a probability, above 0 and below 1",
+                                      &m->false_alarm) ||
                      !mk_read_between(reader, settings, key, "jump", DBL_MIN, DBL_MAX, "a number above 0", &m->jump) ||
                      !mk_read_between(reader, settings, key, "evidence", DBL_MIN, DBL_MAX, "a log likelihood ratio above 0", &m->evidence) ||
                      !mk_read_between(reader, settings, key, "level", 0.0, DBL_MAX, "a variance, 0 or above", &m->level) ||
