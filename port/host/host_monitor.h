@@ -11,7 +11,8 @@
 /* Rows that a monitor takes, at most: m x places. */
 #define MK_MONITOR_ROWS 32
 
-/* What the monitors of E estimators say of an epoch, in their precision: the log's fields (log-format.md). Slots: of all of them, one after another. */
+/* What the monitors of E estimators say of an epoch, in their precision: the log's fields (log-format.md). Slots: of all of them, one after
+   another. */
 typedef struct {
     size_t real_size;
     int scheme;

@@ -30,6 +30,7 @@ MK_F_T(mk_host_monitor) * MK_F(mk_host_monitor_open)(const mk_monitor_settings_t
     h->config.level = (MK_REAL)settings->level;
     h->config.slope = (MK_REAL)settings->slope;
     h->config.most = (uint16_t)(settings->most < places ? settings->most : places);
+    h->config.patience = (uint16_t)settings->patience;
     h->config.scheme = (uint8_t)settings->scheme;
     h->view.core = &head->core;
     h->view.sensor = sensor;
@@ -56,7 +57,8 @@ mk_status_t MK_F(mk_host_monitor_watch)(MK_F_T(mk_host_monitor) * h, int sensors
     return MK_F(mk_monitor_watch)(&view, sensors, id, rows, r, S);
 }
 
-void MK_F(mk_host_monitor_look)(const MK_F_T(mk_host_monitor) * h, const uint16_t *id, int slots, int e, size_t first, mk_monitor_snapshot_t *snapshot) {
+void MK_F(mk_host_monitor_look)(const MK_F_T(mk_host_monitor) * h, const uint16_t *id, int slots, int e, size_t first,
+                                mk_monitor_snapshot_t *snapshot) {
     const MK_F_T(mk_monitor) *const core = h->view.core;
     const int alone = h->config.scheme == MK_MONITOR_RCTM || core->quiet > 0, rows = alone ? core->rows : core->window_rows;
     MK_REAL *const rctm = snapshot->rctm, *const aime = snapshot->aime, *const threshold = snapshot->threshold, *const rho = snapshot->rho;

@@ -24,7 +24,7 @@ typedef struct {
 
 /* Of the monitors (meshkal/monitor.h), whose configuration explains them. */
 typedef struct {
-    int scheme, window, most; /* scheme: MK_MONITOR_, or MK_MONITOR_NONE of scenario_monitor.h */
+    int scheme, window, most, patience; /* scheme: MK_MONITOR_, or MK_MONITOR_NONE of scenario_monitor.h */
     double false_alarm;       /* Pfa */
     double jump;              /* 0: 2 x window */
     double evidence, separation, level, slope;

@@ -160,7 +160,7 @@ BROKEN = [
     ('"seed": 4', '"faults": [\n@{"node": 2, "from_s": 1, "step": 0}]', "faults[0]", "adds nothing: give rate or step, other than 0", False),
     ('"seed": 4', '@"monitor": "aime"', "monitor", "must be an object", True),
     ('"seed": 4', '"monitor": {\n@"scheme": "aime"}', "monitor.scheme",
-     "unknown key; known are window, false_alarm, jump, evidence, level, slope, separation, most", True),
+     "unknown key; known are window, false_alarm, jump, evidence, level, slope, separation, most, patience", True),
     ('"seed": 4', '"monitor": {\n@"window": 0}', "monitor.window", "must be an integer from 1 to 4096", True),
     ('"seed": 4', '"monitor": {\n@"window": 2.5}', "monitor.window", "must be an integer from 1 to 4096", True),
     ('"seed": 4', '"monitor": {\n@"false_alarm": 0}', "monitor.false_alarm", "must be a probability, above 0 and below 1", True),
@@ -170,6 +170,7 @@ BROKEN = [
     ('"seed": 4', '"monitor": {\n@"level": -1}', "monitor.level", "must be a variance, 0 or above", True),
     ('"seed": 4', '"monitor": {\n@"slope": -1}', "monitor.slope", "must be a variance, 0 or above", True),
     ('"seed": 4', '"monitor": {\n@"separation": -1}', "monitor.separation", "must be a number, 0 or above", True),
+    ('"seed": 4', '"monitor": {\n@"patience": -1}', "monitor.patience", "must be an integer from 0 to 65535", True),
     ('"seed": 4', '"monitor": {\n@"most": 33}', "monitor.most", "must be an integer from 1 to 32", True),
 ]
 

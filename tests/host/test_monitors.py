@@ -268,7 +268,8 @@ def test_summary_is_of_the_log(run, path, tmp_path, logged, scheme):
         own = first[e] + slots.index(2)
         largest = np.array([np.argmax(item["isolation"][first[e]:first[e + 1]]) == slots.index(2) for item in items])
         isolated = excluded[:, own] if scheme == "exclude" else alarm[:, e] & largest
-        ended = held[:, own] < 0 if scheme == "exclude" else np.array([item["monitor_ended"][e] for item in items]) if scheme == "aime-improved" else None
+        declared = np.array([item["monitor_ended"][e] for item in items])
+        ended = {"exclude": held[:, own] < 0, "aime-improved": declared}.get(scheme)
         for name, signal in (("alarm", alarm[:, e]), ("isolated", isolated)):
             on = np.flatnonzero(signal[31:121])
             times[name].append((on[0] + 1) * 0.1 if len(on) else math.inf)

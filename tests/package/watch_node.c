@@ -8,7 +8,7 @@
 MK_WATCH(node00, f32, 2, 3, 10); /* after the header's MK_NODE_UNROLLED(node00, f32, 6, 2, 3): its rows and slots, and a window of 10 steps */
 
 static float threshold[6], zero[2], back[2]; /* filled below, once; const, in flash, where the probabilities are settled */
-static node00_monitor_config_t watch = {2, 3, 10, threshold, 20.0f, 10.0f, 0.0f, zero, back, 0.01f, 1e-4f, 2, MK_MONITOR_EXCLUDE};
+static node00_monitor_config_t watch = {2, 3, 10, threshold, 20.0f, 10.0f, 0.0f, zero, back, 0.01f, 1e-4f, 2, 5, MK_MONITOR_EXCLUDE};
 static node00_monitor_t monitor;
 static node00_t node;
 

@@ -30,6 +30,7 @@ static void V(watched_make)(V(watched_t) * net, int watched, uint64_t seed) {
     net->config.slope = (REAL)1e-4;
     net->config.separation = (REAL)10.0;
     net->config.most = 2;
+    net->config.patience = 5;
     net->config.scheme = MK_MONITOR_EXCLUDE;
     assert_int_equal(MK(mk_monitor_evidence)(0.01, 1000.0, &net->config.evidence), MK_OK);
     for (int k = 0; k < NODES; k++) {

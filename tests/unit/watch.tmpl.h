@@ -63,6 +63,7 @@ static void NAME(make)(NAME(world_t) * w, int places) {
     w->monitor.slope = (REAL)1e-4;
     w->monitor.separation = (REAL)10.0;
     w->monitor.most = 1;
+    w->monitor.patience = 5;
     w->monitor.scheme = MK_MONITOR_EXCLUDE;
 }
 

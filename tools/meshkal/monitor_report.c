@@ -106,18 +106,20 @@ static void print_phases(FILE *out, json_t *filters) {
 }
 
 static void print_false_alarms(FILE *out, const mk_campaign_t *c, json_t *filters) {
-    (void)fprintf(out, "\nMonitor %s, window %d steps, false alarm %g. Before any fault:\n", mk_monitor_name(c->monitor.scheme), c->monitor.window, c->monitor.false_alarm);
+    (void)fprintf(out, "\nMonitor %s, window %d steps, false alarm %g. Before any fault:\n", mk_monitor_name(c->monitor.scheme), c->monitor.window,
+                  c->monitor.false_alarm);
     (void)fprintf(out, "%-8s %11s %9s %11s %25s %7s %11s %9s %8s\n", "filter", "node-steps", "in alarm", "rate", "95 % interval", "begun", "exclusions",
                   "of others", "refused");
     for (size_t i = 0; i < json_array_size(filters); i++) {
-        json_t *filter = json_array_get(filters, i), *monitor = json_object_get(filter, "monitor"), *ci = json_object_get(monitor, "false_alarm_rate_ci95");
+        json_t *filter = json_array_get(filters, i), *monitor = json_object_get(filter, "monitor");
+        json_t *ci = json_object_get(monitor, "false_alarm_rate_ci95");
         (void)fprintf(out, "%-8s %11.0f %9.0f %11.3g    %9.3g to %9.3g %7.0f %11.0f %9.0f %8.0f\n", name_of(filter), member(monitor, "clean_node_steps"),
                       member(monitor, "false_alarm_node_steps"), member(monitor, "false_alarm_rate"), json_number_value(json_array_get(ci, 0)),
                       json_number_value(json_array_get(ci, 1)), member(monitor, "false_alarms_begun"), member(monitor, "mistaken_exclusions"),
                       member(monitor, "wrong_exclusions"), member(monitor, "epochs_refused"));
     }
-    (void)fprintf(out, "exclusions: of a good sensor, before any fault; of others: of one that has no fault, later. Windows overlap, so that alarms come in rows "
-                       "and the interval is too narrow.\n");
+    (void)fprintf(out, "exclusions: of a good sensor, before any fault; of others: of one that has no fault, later. Windows overlap, so that alarms "
+                       "come in rows and the interval is too narrow.\n");
 }
 
 static int compare(const void *a, const void *b) {
@@ -143,12 +145,13 @@ static void print_median(FILE *out, json_t *runs) {
 static void print_fault(FILE *out, json_t *filters, size_t f) {
     static const char *const events[] = {"alarm", "isolated", "ended"};
     for (size_t i = 0; i < json_array_size(filters); i++) {
-        json_t *filter = json_array_get(filters, i), *fault = json_array_get(json_object_get(json_object_get(filter, "monitor"), "faults"), f);
+        json_t *filter = json_array_get(filters, i);
+        json_t *fault = json_array_get(json_object_get(json_object_get(filter, "monitor"), "faults"), f);
         if (i == 0) {
             (void)fprintf(out, "\nFault on node %.0f row %.0f from %g s", member(fault, "node"), member(fault, "row"), member(fault, "from_s"));
             if (isfinite(member(fault, "to_s"))) (void)fprintf(out, " to %g s", member(fault, "to_s"));
-            (void)fprintf(out, ", %g + %g a second. Seconds from its begin, of the end from that: median of runs; share of those that hear the sensor (end: that held it)\n",
-                          member(fault, "step"), member(fault, "rate"));
+            (void)fprintf(out, ", %g + %g a second. Seconds since its begin, of the end since that: median of runs; share of the estimators that\n"
+                               "hear the sensor (end: that held it)\n", member(fault, "step"), member(fault, "rate"));
             (void)fprintf(out, "%-8s %-28s %-28s %-28s %s\n", "", "alarm: first, median, share", "isolated", "end", "early ends");
         }
         (void)fprintf(out, "%-8s", name_of(filter));

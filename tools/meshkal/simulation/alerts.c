@@ -169,7 +169,8 @@ void mk_alerts_finish(mk_alerts_t *a, mk_team_t *team, int total, double *number
         const size_t column = MK_ALERT_COUNTS + (size_t)f * TIMES;
         found[MK_FOUND_HEARING] =
             summarise(a, total, column + ALARM, sorted, &found[MK_FOUND_ALARMED], &found[MK_FOUND_ALARM_FIRST], &found[MK_FOUND_ALARM_MEDIAN]);
-        (void)summarise(a, total, column + ISOLATED, sorted, &found[MK_FOUND_ISOLATED], &found[MK_FOUND_ISOLATED_FIRST], &found[MK_FOUND_ISOLATED_MEDIAN]);
+        (void)summarise(a, total, column + ISOLATED, sorted, &found[MK_FOUND_ISOLATED], &found[MK_FOUND_ISOLATED_FIRST],
+                        &found[MK_FOUND_ISOLATED_MEDIAN]);
         found[MK_FOUND_HELD] =
             summarise(a, total, column + ENDED, sorted, &found[MK_FOUND_ENDED], &found[MK_FOUND_ENDED_FIRST], &found[MK_FOUND_ENDED_MEDIAN]);
         found[MK_FOUND_EARLY] = 0.0;
