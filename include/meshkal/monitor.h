@@ -157,8 +157,8 @@ MK_DECLARE_MONITOR(f64)
  * name_restart(monitor)        An empty window, nobody faulty; epoch and counters stay. ORDER, here and below: not started.
  * name_watch(monitor, sensors, id[sensors], rows[sensors], T r[], T S[])
  *                              One epoch, also one in which nothing was read. rows[l] is 0 for a sensor that was not read; r and packed S hold
- *                              the rows of the others, one sensor after another. ARGUMENT: null, more rows than m, an id twice among those that
- *                              were read; NOT_FINITE, also where a statistic overflows; NOT_POSITIVE_DEFINITE: S of those not held faulty, or S_jj
+ *                              the rows of the others, one sensor after another. ARGUMENT: null, sensors x m above 32767, more rows than m, an id
+ *                              twice among those that were read; NOT_FINITE, also where a statistic overflows; NOT_POSITIVE_DEFINITE: S of those not held faulty, or S_jj
  *                              of one that is; `failed` is the sensor at which it shows. Where I is singular in this precision, the rows that others
  *                              determine count neither in q_A nor in its degrees. Cost: one inverse of S, one solve with I.
  * name_faulty(monitor, id)     1 if this sensor is held faulty.

@@ -92,6 +92,7 @@ static void NAME(refused_epochs)(void **unused) {
     REFUSES(&s, SMALL(watch)(m, 3, id, rows, NULL, S), MK_ERROR_ARGUMENT, 0);
     REFUSES(&s, SMALL(watch)(m, 3, id, rows, r, NULL), MK_ERROR_ARGUMENT, 0);
     REFUSES(&s, SMALL(watch)(m, -1, id, rows, r, S), MK_ERROR_ARGUMENT, 0);
+    REFUSES(&s, SMALL(watch)(m, 16384, id, rows, r, S), MK_ERROR_ARGUMENT, 0);
     REFUSES(&s, SMALL(watch)(m, 3, id, many, r, S), MK_ERROR_ARGUMENT, 1);
     REFUSES(&s, SMALL(watch)(m, 3, twice, rows, r, S), MK_ERROR_ARGUMENT, 2);
     const REAL spoilt[] = {(REAL)NAN, (REAL)INFINITY, -(REAL)INFINITY};
