@@ -47,3 +47,31 @@ def test_digamma(lib):
     for x in [1e-8, 0.01, 0.5, 1, 1.4616321449683623, 1.5, 2, 3, 7.5, 9.99, 10, 17.5, 100, 1e4, 1e9]:
         assert lib("digamma")(x) == pytest.approx(special.digamma(x), rel=1e-14, abs=1e-14)
         close(lib("trigamma")(x), special.polygamma(1, x), 1e-13)
+
+
+@pytest.fixture(scope="module")
+def shares(shared):
+    function = shared("port/host/distributions.c").mk_share_interval
+    function.restype = None
+
+    def call(hits, trials, tail):
+        low, high = ctypes.c_double(), ctypes.c_double()
+        function(*map(ctypes.c_double, (hits, trials, tail)), ctypes.byref(low), ctypes.byref(high))
+        return low.value, high.value
+    return call
+
+
+@pytest.mark.parametrize("hits,trials", [(0, 1), (1, 1), (0, 10), (1, 10), (5, 10), (10, 10), (3, 10 ** 6), (100, 10 ** 6), (999999, 10 ** 6), (12, 10 ** 9)])
+@pytest.mark.parametrize("tail", [0.025, 0.005, 1e-6])
+def test_share_interval(shares, hits, trials, tail):
+    """Clopper and Pearson: quantiles of the beta distribution."""
+    low, high = shares(hits, trials, tail)
+    bound = 1e-8 if trials <= 10 ** 6 else 1e-6
+    assert low == pytest.approx(stats.beta.ppf(tail, hits, trials - hits + 1) if hits else 0.0, rel=bound)
+    assert high == pytest.approx(stats.beta.isf(tail, hits + 1, trials - hits) if hits < trials else 1.0, rel=bound)
+
+
+@pytest.mark.parametrize("hits,trials,tail", [(-1, 10, 0.1), (11, 10, 0.1), (1, 0, 0.1), (1, 10, 0.0), (1, 10, 0.5), (np.nan, 10, 0.1)])
+def test_share_interval_of_nothing(shares, hits, trials, tail):
+    low, high = shares(hits, trials, tail)
+    assert np.isnan(low) and np.isnan(high)

@@ -7,6 +7,8 @@
 #include "commands.h"
 #include "design/steady.h"
 #include "json_out.h"
+#include "monitor_report.h"
+#include "navigation/nav_simulate.h"
 #include "parallel.h"
 #include "signals.h"
 #include "simulate_options.h"
@@ -25,7 +27,8 @@ static int read_arguments(int argc, char **argv, int alone, arguments_t *a, cons
                                    {"horizon", &a->horizon, NULL},     {"out", &a->out, NULL},                   {"json", &a->json, NULL},
                                    {"threads", &a->threads, NULL},     {"resume", &a->resume, NULL},           {"frozen", &a->frozen, NULL},
                                    {"arrivals", &a->arrivals, NULL},
-                                   {"record", &a->record, NULL},
+                                   {"record", &a->record, NULL},       {"imu", &a->imu, NULL},                 {"monitor", &a->monitor, NULL},         {"window", &a->window, NULL},
+                                   {"false-alarm", &a->false_alarm, NULL},
                                    {"models", &a->models, NULL}, {"from-step", &a->from_step, NULL}, {"lost-m", &a->lost_m, NULL},
                                    {"increments", &a->increments, NULL}, {"rule", &a->rule, NULL}, {"gate", &a->gate, NULL},
                                    {"iterations", &a->iterations, NULL}, {"protocol", &a->protocol, NULL},
@@ -36,6 +39,7 @@ static int read_arguments(int argc, char **argv, int alone, arguments_t *a, cons
 static int refuse_tracking_options(const arguments_t *a, mk_error_t *error) {
     const char *const given[] = {a->models, a->from_step, a->lost_m, a->increments, a->rule, a->gate, a->iterations, a->protocol};
     static const char *const names[] = {"models", "from-step", "lost-m", "increments", "rule", "gate", "iterations", "protocol"};
+    if (a->imu) return mk_fail(error, "--imu is for navigation scenarios, whose model has \"navigation\"");
     for (int i = 0; i < 8; i++)
         if (given[i]) return mk_fail(error, "--%s is for tracking scenarios, whose model has \"motion\"", names[i]);
     return 1;
@@ -88,7 +92,7 @@ static int set_campaign(mk_campaign_t *c, const arguments_t *a, const mk_scenari
         return mk_fail(error, "--record: %d nodes, but frames have 16 bits for the number of a node", s->nodes);
     if (s->nodes > UINT16_MAX && (!c->filter || c->filter->central))
         return mk_fail(error, "a centralised filter takes at most %d nodes, not %d", UINT16_MAX, s->nodes);
-    return set_shares(c, a, team, error);
+    return mk_monitor_options(a->monitor, a->window, a->false_alarm, s, &c->monitor, error) && set_shares(c, a, team, error);
 }
 
 static int open_source(mk_source_t *source, mk_campaign_t *c, const arguments_t *a, mk_error_t *error) {
@@ -122,11 +126,14 @@ static int read_arrivals(mk_arrivals_t *arrivals, mk_campaign_t *c, const argume
 
 /* Everything that decides the numbers of a run, but the filter and the recorded files. */
 static void identify(char *text, size_t room, const mk_campaign_t *c, const mk_source_t *source) {
-    char frozen[40] = "";
+    const mk_monitor_settings_t *m = &c->monitor;
+    char frozen[40] = "", monitor[200] = "";
     if (c->frozen > 0.0) (void)snprintf(frozen, sizeof frozen, " frozen %.17g", c->frozen);
-    (void)snprintf(text, room, "meshkal " MK_VERSION " scenario %s seed %llu steps %d loss %.17g tolerance %.17g real %s truth %s horizon %d%s",
+    if (m->scheme != MK_MONITOR_NONE)
+        (void)snprintf(monitor, sizeof monitor, " monitor %s window %d false-alarm %.17g", mk_monitor_name(m->scheme), m->window, m->false_alarm);
+    (void)snprintf(text, room, "meshkal " MK_VERSION " scenario %s seed %llu steps %d loss %.17g tolerance %.17g real %s truth %s horizon %d%s%s",
                    c->scenario->sha256, (unsigned long long)c->seed, c->steps, c->loss, c->tolerance, c->network->name, mk_truth_name(source->truth),
-                   source->worst.horizon, frozen);
+                   source->worst.horizon, frozen, monitor);
 }
 
 /* Runs the campaign's filter, or all of them if it has none, into the table and the JSON list. An exit status. */
@@ -153,6 +160,7 @@ static int run_filters(mk_campaign_t *c, const mk_source_t *source, mk_team_t *t
         (void)json_array_append_new(filters, mk_report_filter(c, &result));
         ran = 1;
     }
+    if (team->rank == 0) mk_report_alert_tables(table, c, filters);
     if (team->rank == 0) mk_report_foot(table, c, source, team, &result);
     mk_result_free(&result);
     return 0;
@@ -202,6 +210,12 @@ int mk_command_simulate(int argc, char **argv, struct mk_team *given) {
         mk_scenario_free(&scenario);
         return status;
     }
+    if (good && scenario.navigation && !given) {
+        status = mk_nav_simulate(&a, &scenario);
+        mk_scenario_free(&scenario);
+        return status;
+    }
+    if (good && scenario.navigation) good = mk_fail(&error, "%s: a navigation scenario runs in one process, on all its cores: leave mpirun away", path);
     if (good && scenario.tracking) good = mk_fail(&error, "%s: a tracking scenario runs in one process, on all its cores: leave mpirun away", path);
     good = good && refuse_tracking_options(&a, &error) && set_campaign(&c, &a, &scenario, team, &error) && open_source(&source, &c, &a, &error) &&
            read_arrivals(&arrivals, &c, &a, &error);

@@ -20,6 +20,8 @@ enum { CHUNK = 1024, WORTH_THREADS = 4 * CHUNK };
 /* Sums of one step, in their order. */
 enum { SQUARE, POSITION, FINDINGS, STEP_SUMS = FINDINGS + MK_FINDINGS };
 
+int mk_runner_watches(const mk_runner_t *r) { return r->c->monitor.scheme != MK_MONITOR_NONE; }
+
 void mk_runner_open(mk_runner_t *r, const mk_campaign_t *c, const mk_source_t *source, mk_team_t *team, const mk_topology_t *topology,
                     const double *tolerance, const double *schedule, int threads) {
     const mk_scenario_t *s = c->scenario;
@@ -33,7 +35,8 @@ void mk_runner_open(mk_runner_t *r, const mk_campaign_t *c, const mk_source_t *s
     r->schedule = schedule;
     r->threads = topology->estimators < WORTH_THREADS ? 1 : threads;
     mk_stream_open(&r->stream, source, c->filter->central || team->ranks == 1 ? NULL : topology, team, s->nodes < WORTH_THREADS ? 1 : threads);
-    r->net = c->network->open(s, topology, tolerance, schedule ? 0.0 : c->frozen, threads);
+    r->net = c->network->open(s, topology, tolerance, schedule ? 0.0 : c->frozen, &c->monitor, threads);
+    if (mk_runner_watches(r)) mk_alerts_open(&r->alerts, s, topology, &c->monitor, c->network->real_size, r->total);
     if (c->log_path) r->snapshot = mk_snapshot_make(c->network, topology->estimators, s);
     r->slots = (size_t)topology->first[E];
     r->y_arrived = mk_allocate(2 * r->slots, 1);
@@ -45,19 +48,15 @@ void mk_runner_open(mk_runner_t *r, const mk_campaign_t *c, const mk_source_t *s
     r->sums = mk_allocate(1 + LONGEST_WAIT * STEP_SUMS, sizeof *r->sums); /* more than states, too */
     r->thread_sums = mk_allocate((size_t)r->threads * STEP_SUMS, sizeof *r->thread_sums);
     r->estimate = mk_allocate((size_t)r->threads * CHUNK * n, sizeof *r->estimate);
-    const size_t rows = (size_t)source->row_first[s->nodes], positions = (size_t)MK_PACKED(s->position_count);
-    const size_t value = 8 * (n > MK_LARGEST_STATE ? n : MK_LARGEST_STATE), wide = n > positions ? n : positions;
+    const size_t rows = (size_t)source->row_first[s->nodes], value = 8 * (n > MK_LARGEST_STATE ? n : MK_LARGEST_STATE);
     if (r->stream.part) r->own_y = mk_allocate(rows + 1, sizeof *r->own_y);
     r->send = mk_allocate((size_t)topology->sends + 1, value);
     r->receive = mk_allocate((size_t)topology->halo + 1, value);
-    if (team->rank != 0 || !c->log_path || !topology->id) return;
-    size_t most = 8 * wide * (size_t)r->total;
-    if (8 * rows > most) most = 8 * rows;
-    if ((size_t)s->first[s->nodes] > most) most = (size_t)s->first[s->nodes];
-    r->gathered = mk_allocate(most, 1);
+    if (team->rank == 0 && c->log_path && topology->id) r->gathered = mk_allocate(mk_runner_log_room(r), 1);
 }
 
 void mk_runner_close(mk_runner_t *r) {
+    if (mk_runner_watches(r)) mk_alerts_close(&r->alerts);
     mk_stream_close(&r->stream);
     r->c->network->close(r->net);
     if (r->c->log_path) mk_snapshot_free(&r->snapshot);
@@ -154,65 +153,11 @@ static void take_some_findings(mk_runner_t *r, int run, int t, int worker, int b
     r->c->network->add(r->net, begin, end, sums_of(r, worker) + FINDINGS);
 }
 
-/* What every part has of an array over estimators, in the order of their numbers, where the log is written. */
-static const void *whole(mk_runner_t *r, const void *local, const int *first, size_t width) {
-    if (!r->topology->id) return local;
-    r->team->gather(r->team, r->topology, local, first, width, r->gathered);
-    return r->gathered;
-}
-
-static void log_reals(mk_runner_t *r, mk_run_log_t *log, const char *key, const void *local, size_t size, size_t width) {
-    const void *all = whole(r, local, NULL, size * width);
-    if (log) mk_log_reals(log, key, all, size, (size_t)r->total * width);
-}
-
-static void log_uint32(mk_runner_t *r, mk_run_log_t *log, const char *key, const uint32_t *local) {
-    const void *all = whole(r, local, NULL, sizeof *local);
-    if (log) mk_log_uint32(log, key, all, (size_t)r->total);
-}
-
-static void log_slots(mk_runner_t *r, mk_run_log_t *log, const char *key, const uint8_t *local) {
-    const mk_scenario_t *s = r->c->scenario;
-    const void *all = whole(r, local, r->c->filter->central ? r->topology->first : s->first, 1);
-    if (log) mk_log_uint8(log, key, all, r->c->filter->central ? r->slots : (size_t)s->first[s->nodes]);
-}
-
-static void log_readings(mk_runner_t *r, mk_run_log_t *log) {
-    const int *first = r->source->row_first;
-    double *next = r->own_y;
-    for (int e = 0; next && e < r->topology->estimators; e++) {
-        const int k = mk_topology_id(r->topology, e), rows = first[k + 1] - first[k];
-        memcpy(next, r->stream.y + first[k], (size_t)rows * sizeof *next);
-        next += rows;
-    }
-    const void *all = r->own_y ? whole(r, r->own_y, first, sizeof *next) : r->stream.y;
-    if (log) mk_log_reals(log, "measurements", all, sizeof *next, (size_t)first[r->c->scenario->nodes]);
-}
-
-static void write_item(mk_runner_t *r, mk_run_log_t *log, int run, int t) {
-    const mk_scenario_t *s = r->c->scenario;
-    const mk_snapshot_t *seen = &r->snapshot;
-    const size_t size = r->c->network->real_size;
-    const int truth = r->source->has_truth, central = r->c->filter->central, positions = s->position_count;
-    if (log) mk_log_begin(log, run, t, 9 + 2 * truth + !central + (positions > 0) + (r->c->frozen > 0.0));
-    if (truth && log) mk_log_reals(log, "truth", r->stream.x, 8, (size_t)s->n);
-    log_readings(r, log);
-    log_slots(r, log, "measurements_arrived", r->y_arrived);
-    if (!central) log_slots(r, log, "estimates_arrived", r->psi_arrived);
-    log_reals(r, log, "estimate", seen->estimate, size, (size_t)s->n);
-    if (truth) log_reals(r, log, "error", r->error, 8, 1);
-    log_reals(r, log, "trace_covariance", seen->trace_covariance, size, 1);
-    if (positions > 0) log_reals(r, log, "position_covariance", seen->position_covariance, size, (size_t)MK_PACKED(positions));
-    log_reals(r, log, "theta", seen->theta, size, 1);
-    log_reals(r, log, "tolerance", seen->tolerance, size, 1);
-    log_reals(r, log, "nis", seen->nis, size, 1);
-    log_uint32(r, log, "nis_rows", seen->nis_rows);
-    log_uint32(r, log, "faults", seen->faults);
-    if (r->c->frozen > 0.0) {
-        const void *all = whole(r, seen->frozen, NULL, 1);
-        if (log) mk_log_uint8(log, "frozen", all, (size_t)r->total);
-    }
-    if (log) mk_log_end(log);
+static void take_some_alerts(mk_runner_t *r, int run, int t, int worker, int begin, int end) {
+    (void)run;
+    (void)worker;
+    r->c->network->look_monitor(r->net, begin, end, &r->alerts.snapshot, r->alerts.rejected);
+    mk_alerts_take(&r->alerts, t, begin, end);
 }
 
 /* The values that other parts wait for go out; theirs come in until `finish`. */
@@ -267,8 +212,8 @@ static void record_stage(mk_runner_t *r, int t, mk_exchange_t stage, int good, m
     mk_error_t trouble;
     int bad = 0;
     const int recorded = stage == MK_EXCHANGE_READINGS
-                             ? mk_node_records_incremental(r->records, t, schedule, r->stream.y, r->source->row_first, r->y_arrived, r->net, good, &bad,
-                                                           &trouble)
+                             ? mk_node_records_incremental(r->records, t, schedule, r->stream.y, r->source->row_first, r->y_arrived,
+                                                           mk_runner_watches(r) ? r->alerts.snapshot.excluded : NULL, r->net, good, &bad, &trouble)
                              : mk_node_records_diffuse(r->records, t, r->psi_arrived, r->net, good, &bad, &trouble);
     if (!recorded && is_first(r, t, PHASE_RECORD, bad)) *error = trouble;
 }
@@ -299,6 +244,7 @@ static void step_network(mk_runner_t *r, int run, int t, mk_error_t *error) {
         status = network->incremental(r->net, inner, E, y, rows, r->y_arrived, bad);
         good = check(r, run, t, PHASE_INCREMENTAL, status, error) && good;
     }
+    if (mk_runner_watches(r)) for_all(r, run, t, take_some_alerts);
     const int records = r->records && run == 0 && begun;
     if (records) record_stage(r, t, MK_EXCHANGE_READINGS, good, error);
     network->intermediate(r->net, topology->send_estimator, topology->sends, r->send);
@@ -343,6 +289,22 @@ static mk_run_state_t add_up(mk_runner_t *r, mk_record_t *record) {
     return state;
 }
 
+/* Means before, during and after the faults. */
+static void split_msd(const mk_runner_t *r, mk_record_t *record) {
+    const mk_scenario_t *s = r->c->scenario;
+    const double begin = mk_faults_begin(s), end = mk_faults_end(s);
+    double steps[MK_PHASES] = {0.0};
+    /* The last step before the faults. */
+    const int last = begin < 0.0 ? -1 : begin < r->c->steps * s->dt_s ? (int)floor(begin / s->dt_s) : r->c->steps - 1;
+    for (int t = last > 0 ? (last + 1) / 2 : 0; t < r->c->steps; t++) {
+        const double t_s = t * s->dt_s;
+        const int phase = t_s <= begin ? MK_BEFORE : t_s <= end ? MK_DURING : MK_AFTER;
+        record->phase_msd[phase] += record->msd[t];
+        steps[phase] += 1.0;
+    }
+    for (int i = 0; i < MK_PHASES; i++) record->phase_msd[i] /= steps[i]; /* NaN where there is none */
+}
+
 /* What every estimator has summed for itself. */
 static void finish_record(mk_runner_t *r, mk_record_t *record) {
     const size_t n = (size_t)r->c->scenario->n, E = (size_t)r->topology->estimators;
@@ -358,6 +320,8 @@ static void finish_record(mk_runner_t *r, mk_record_t *record) {
     for (size_t i = 0; i < n; i++)
         record->state_square[i] = r->state_known[i] > 0.0 ? mk_exact_value(&r->sums[i]) / (r->state_known[i] * r->total) : (double)NAN;
     memset(r->sums, 0, n * sizeof *r->sums);
+    if (record->phases) split_msd(r, record);
+    if (mk_runner_watches(r)) mk_alerts_finish(&r->alerts, r->team, r->total, record->alert);
 }
 
 typedef struct {
@@ -407,6 +371,7 @@ mk_run_state_t mk_runner_run(mk_runner_t *r, int run, mk_record_t *record, mk_ru
     memset(r->node_square, 0, (E + n) * sizeof *r->node_square); /* and state_known */
     memset(record->value, 0, record->count * sizeof *record->value);
     memset(error, 0, sizeof *error);
+    if (mk_runner_watches(r)) mk_alerts_start(&r->alerts);
     const mk_status_t status = c->network->start(r->net, &r->bad);
     (void)check(r, run, 0, PHASE_START, status, error);
     for (int t = 0; t < c->steps && state == MK_RUN_DONE; t++) {
@@ -417,7 +382,7 @@ mk_run_state_t mk_runner_run(mk_runner_t *r, int run, mk_record_t *record, mk_ru
             c->network->look_after(r->net, &r->snapshot);
             /* A centre has nobody to exchange estimates with: nothing is missing. */
             if (c->filter->central) r->snapshot.faults[0] &= ~(uint32_t)MK_FAULT_ESTIMATE_MISSING;
-            write_item(r, log, run, t);
+            mk_runner_log(r, log, run, t);
             if (log && log->failed && is_first(r, t, PHASE_LOG, 0)) {
                 (void)mk_fail(error, "writing the log: %s", strerror(log->failed));
                 if (r->team->ranks == 1) return MK_RUN_FAILED;

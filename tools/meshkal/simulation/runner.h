@@ -3,6 +3,7 @@
 #ifndef MESHKAL_RUNNER_H
 #define MESHKAL_RUNNER_H
 
+#include "simulation/alerts.h"
 #include "simulation/campaign.h"
 #include "simulation/node_records.h"
 
@@ -17,6 +18,7 @@ typedef struct {
     mk_node_records_t *records;    /* of the first run; null: none */
     const double *schedule;        /* tolerances of each step, estimators of the part; null: as they were given */
     mk_stream_t stream;
+    mk_alerts_t alerts; /* with a monitor */
     void *net;
     mk_snapshot_t snapshot;
     size_t slots;
@@ -41,6 +43,13 @@ typedef struct {
 void mk_runner_open(mk_runner_t *runner, const mk_campaign_t *c, const mk_source_t *source, mk_team_t *team, const mk_topology_t *topology,
                     const double *tolerance, const double *schedule, int threads);
 void mk_runner_close(mk_runner_t *runner);
+
+/* Whether its estimators have monitors. */
+int mk_runner_watches(const mk_runner_t *runner);
+
+/* Parts of a run (runner_log.c): step t into the log, which only rank 0 has; bytes of the longest array that is gathered for it. */
+void mk_runner_log(mk_runner_t *runner, mk_run_log_t *log, int run, int t);
+size_t mk_runner_log_room(const mk_runner_t *runner);
 
 /* One run into *record (complete on rank 0 of the team) and, item by item, into log if it is not null: only rank 0 has one, and only if the
    campaign has a log. progress, if not null, is called after each step. STOPPED: a signal came. FAILED: a node did, which the error names. */
