@@ -7,6 +7,7 @@ typedef struct {
     MK_F_T(mk_unscented_view) view;
     MK_F_T(mk_unscented_config) config;
     MK_F_T(mk_row_weights) weights;
+    int robust; /* 1: with them */
     MK_F_T(mk_sensor) * sensor;
     MK_REAL *A, *Q, *H;            /* of the present epoch: the model's, which the configuration points to */
     MK_REAL *r, *S, *weight, *statistic;
@@ -53,7 +54,7 @@ static int MK_F(set_weights)(MK_F(filter) * f, MK_REAL *k0, MK_REAL *k1, mk_erro
     f->weights.weight = f->weight;
     f->weights.statistic = f->statistic;
     f->weights.kind = student ? MK_STATISTIC_STUDENT : MK_STATISTIC_NORMAL;
-    f->config.weights = &f->weights;
+    f->robust = 1;
     for (int i = 0; i < nodes; i++) {
         k0[i] = (MK_REAL)nav->k0;
         k1[i] = (MK_REAL)nav->k1;
@@ -172,11 +173,11 @@ static void MK_F(settle)(const MK_F(filter) * f, mk_nav_look_t *look) {
     const int nodes = f->setting->scenario->nodes;
     for (int k = 0; k < nodes; k++) {
         if (look->decision[k] != MK_NAV_USED) continue;
-        look->weight[k] = f->config.weights ? (double)f->weight[k] : 1.0;
-        look->statistic[k] = f->config.weights ? (double)f->statistic[k] : 0.0;
+        look->weight[k] = f->robust ? (double)f->weight[k] : 1.0;
+        look->statistic[k] = f->robust ? (double)f->statistic[k] : 0.0;
         look->decision[k] = look->weight[k] >= 1.0 ? MK_NAV_USED : look->weight[k] > 0.0 ? MK_NAV_WEIGHTED : MK_NAV_REFUSED;
     }
-    look->count[MK_NAV_COUNT_UNUSED] += f->config.weights && f->core.measurements > 0 && f->core.unused_rows == f->core.measurements;
+    look->count[MK_NAV_COUNT_UNUSED] += f->robust && f->core.measurements > 0 && f->core.unused_rows == f->core.measurements;
     look->nis = (double)f->core.nis;
     look->nis_rows = f->core.nis_rows;
 }
@@ -202,7 +203,9 @@ static void MK_F(step)(void *filter, const mk_nav_input_t *input, mk_nav_look_t 
     look->nis_rows = 0;
     int waiting = 0;
     for (int k = 0; k < nodes; k++) waiting += f->have[k];
-    status = waiting ? MK_F(mk_unscented_update)(n, 1, nodes, &f->view) : MK_OK;
+    status = !waiting    ? MK_OK
+             : f->robust ? MK_F(mk_unscented_update_weighted)(n, 1, nodes, &f->view, &f->weights)
+                         : MK_F(mk_unscented_update)(n, 1, nodes, &f->view);
     if (status != MK_OK) {
         look->count[MK_NAV_COUNT_FAILED + (int)status]++;
         for (int k = 0; k < nodes; k++) {
