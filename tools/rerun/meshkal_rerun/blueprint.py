@@ -4,7 +4,7 @@
 import rerun.blueprint as rrb
 
 from . import tracking_blueprint, views
-from .reader import Batch, Header
+from .fields import Batch, Header
 from .scenario import Scenario
 from .series import seconds_timeline
 from .views import DRAWN_NODES, plot

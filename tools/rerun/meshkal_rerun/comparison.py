@@ -6,7 +6,8 @@ import rerun as rr
 
 from . import colours, derive
 from . import tracking_numbers as numbers
-from .reader import Batch, LogError, LogReader
+from .fields import Batch
+from .reader import LogError, LogReader
 from .scenario import Scenario, positions_of
 from .scene import send_trail
 from .series import Clock, Series

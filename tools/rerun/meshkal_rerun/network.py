@@ -5,7 +5,7 @@ import numpy as np
 import rerun as rr
 
 from . import colours, derive
-from .reader import Batch, Header
+from .fields import Batch, Header
 from .scenario import Scenario
 from .series import Clock
 

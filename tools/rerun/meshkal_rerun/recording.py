@@ -9,7 +9,7 @@ import rerun as rr
 
 from . import colours, derive, tracking_numbers
 from .network import NetworkGraph
-from .reader import Batch, Header
+from .fields import Batch, Header
 from .scenario import Scenario
 from .scene import Scene
 from .series import Clock, Series

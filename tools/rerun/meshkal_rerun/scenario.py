@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .reader import Header, LogError
+from .fields import Header
+from .reader import LogError
 
 
 @dataclass(frozen=True)

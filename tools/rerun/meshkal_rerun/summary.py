@@ -4,7 +4,7 @@
 import numpy as np
 
 from . import derive
-from .reader import Batch, Header
+from .fields import Batch, Header
 from .scenario import Scenario
 
 _FILTER_NAMES = {

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from . import derive
-from .reader import Batch, Decision, Header
+from .fields import Batch, Decision, Header
 from .scenario import Scenario
 
 BAND = 0.95

@@ -4,7 +4,7 @@
 import numpy as np
 
 from . import tracking_numbers as numbers
-from .reader import Batch, Decision, Header
+from .fields import Batch, Decision, Header
 from .scenario import Scenario
 from .summary import Summary, db, table
 
