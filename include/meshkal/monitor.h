@@ -124,7 +124,7 @@ enum { MK_MONITOR_RCTM, MK_MONITOR_AIME, MK_MONITOR_IMPROVED, MK_MONITOR_EXCLUDE
         mk_monitor_##real##_t *core;                                                                                          \
         mk_watched_##real##_t *sensor; /* places */                                                                           \
         mk_fault_##real##_t *fault;    /* N */                                                                                \
-        mk_##real##_t *I;              /* (window + 1) x packed N: the stacks, then the running sum */                        \
+        mk_##real##_t *information;    /* I, (window + 1) x packed N: the stacks, then the running sum */                     \
         mk_##real##_t *v;              /* (window + 1) x N */                                                                 \
         uint32_t *seen;                /* window: bit r: row r was read in that epoch */                                      \
         mk_##real##_t *work;                                                                                                  \
@@ -165,7 +165,7 @@ MK_DECLARE_MONITOR(f64)
         mk_monitor_##real##_t core;                                                                                           \
         mk_watched_##real##_t sensor[place_count];                                                                            \
         mk_fault_##real##_t fault[(place_count) * (most_rows)];                                                               \
-        mk_##real##_t I[((epochs) + 1) * MK_PACKED((place_count) * (most_rows))];                                             \
+        mk_##real##_t information[((epochs) + 1) * MK_PACKED((place_count) * (most_rows))];                                   \
         mk_##real##_t v[((epochs) + 1) * (place_count) * (most_rows)];                                                        \
         uint32_t seen[epochs];                                                                                                \
     } name##_t;                                                                                                               \
@@ -176,7 +176,7 @@ MK_DECLARE_MONITOR(f64)
         view.core = &monitor->core;                                                                                           \
         view.sensor = monitor->sensor;                                                                                        \
         view.fault = monitor->fault;                                                                                          \
-        view.I = monitor->I;                                                                                                  \
+        view.information = monitor->information;                                                                              \
         view.v = monitor->v;                                                                                                  \
         view.seen = monitor->seen;                                                                                            \
         view.work = work;                                                                                                     \

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "scenario_monitor.h"
+#include "scenario_navigation.h"
 #include "scenario_tracking.h"
 
 /* Items go out whole, so that what a reader finds is cut between items unless the system itself stops in a write. */
@@ -94,6 +95,17 @@ void mk_log_header_tracking(mk_run_log_t *log, const mk_scenario_t *s, const mk_
     mk_cbor_count(&log->out, "increments", (uint64_t)tracking->increments);
     mk_cbor_key(&log->out, "gate");
     mk_cbor_double(&log->out, mk_tracking_gates(tracking, facts->filter) ? tracking->gate.significance : 0.0);
+    send_item(log);
+}
+
+void mk_log_header_navigation(mk_run_log_t *log, const mk_scenario_t *s, const mk_run_facts_t *facts, double start_s) {
+    put_header(log, s, facts, 3);
+    mk_cbor_pair(&log->out, "kind", "navigation");
+    mk_cbor_key(&log->out, "start_s");
+    mk_cbor_double(&log->out, start_s);
+    mk_cbor_key(&log->out, "satellites");
+    mk_cbor_array(&log->out, (size_t)s->nodes);
+    for (int k = 0; k < s->nodes; k++) mk_cbor_uint(&log->out, (uint64_t)s->navigation->satellite[k].number);
     send_item(log);
 }
 

@@ -32,6 +32,8 @@ int mk_log_open(mk_run_log_t *log, const char *path, mk_error_t *error);
 void mk_log_header(mk_run_log_t *log, const mk_scenario_t *scenario, const mk_run_facts_t *facts);
 /* Of a tracking scenario: also when the run starts, and the iterations of consensus in a step. */
 void mk_log_header_tracking(mk_run_log_t *log, const mk_scenario_t *scenario, const mk_run_facts_t *facts, double start_s, int iterations);
+/* Of a navigation scenario: also when the run starts, and the numbers of the satellites. */
+void mk_log_header_navigation(mk_run_log_t *log, const mk_scenario_t *scenario, const mk_run_facts_t *facts, double start_s);
 /* A step item: begin with the number of arrays, then each array, then end. Arrays: float64, float32 (real_size 8 or 4), uint32, uint8. */
 void mk_log_begin(mk_run_log_t *log, int run, int64_t step, int arrays);
 void mk_log_reals(mk_run_log_t *log, const char *key, const void *values, size_t real_size, size_t count);

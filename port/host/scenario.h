@@ -10,7 +10,7 @@
 
 typedef struct {
     int rows;
-    double *C;          /* rows x n; null in a tracking scenario */
+    double *C;          /* rows x n; null in a tracking or navigation scenario */
     double *R;          /* packed, rows */
     int position_count; /* 0, 2 or 3 */
     double position_m[3];
@@ -33,7 +33,7 @@ typedef struct {
 typedef struct {
     char *name;
     int n;
-    double *A;     /* n x n; null in a tracking scenario */
+    double *A;     /* n x n; null in a tracking or navigation scenario */
     double *Q;     /* packed */
     double *input; /* n; null in a tracking scenario */
     double *x0;    /* n */
@@ -59,16 +59,17 @@ typedef struct {
     mk_sensor_fault_t *fault;
     mk_monitor_settings_t monitor;
 
-    struct mk_tracking *tracking; /* motion and sensors that are not linear (scenario_tracking.h); null: the scenario is linear */
+    struct mk_tracking *tracking; /* motion and sensors that are not linear (scenario_tracking.h); null: the scenario is linear, or .. */
+    struct mk_navigation *navigation; /* .. an inertial unit with satellites (scenario_navigation.h) where this is not null */
 
     char *text; /* the file, byte for byte; null once it is dropped */
     size_t text_length;
     char sha256[65];
 } mk_scenario_t;
 
-/* Reads and checks a scenario, linear or of tracking. 1, or 0 and an error that names file, line and key; *scenario is then empty. */
+/* Reads and checks a scenario of any kind. 1, or 0 and an error that names file, line and key; *scenario is then empty. */
 int mk_scenario_load_any(mk_scenario_t *scenario, const char *path, mk_error_t *error);
-/* The same, a tracking scenario being an error. */
+/* The same, any but a linear one being an error. */
 int mk_scenario_load(mk_scenario_t *scenario, const char *path, mk_error_t *error);
 /* Releases the text, which only a log asks for: a third of what a large scenario holds. */
 void mk_scenario_drop_text(mk_scenario_t *scenario);

@@ -8,6 +8,7 @@
 #include "design/steady.h"
 #include "json_out.h"
 #include "monitor_report.h"
+#include "navigation/nav_simulate.h"
 #include "parallel.h"
 #include "signals.h"
 #include "simulate_options.h"
@@ -26,7 +27,7 @@ static int read_arguments(int argc, char **argv, int alone, arguments_t *a, cons
                                    {"horizon", &a->horizon, NULL},     {"out", &a->out, NULL},                   {"json", &a->json, NULL},
                                    {"threads", &a->threads, NULL},     {"resume", &a->resume, NULL},           {"frozen", &a->frozen, NULL},
                                    {"arrivals", &a->arrivals, NULL},
-                                   {"record", &a->record, NULL},       {"monitor", &a->monitor, NULL},         {"window", &a->window, NULL},
+                                   {"record", &a->record, NULL},       {"imu", &a->imu, NULL},                 {"monitor", &a->monitor, NULL},         {"window", &a->window, NULL},
                                    {"false-alarm", &a->false_alarm, NULL},
                                    {"models", &a->models, NULL}, {"from-step", &a->from_step, NULL}, {"lost-m", &a->lost_m, NULL},
                                    {"increments", &a->increments, NULL}, {"rule", &a->rule, NULL}, {"gate", &a->gate, NULL},
@@ -38,6 +39,7 @@ static int read_arguments(int argc, char **argv, int alone, arguments_t *a, cons
 static int refuse_tracking_options(const arguments_t *a, mk_error_t *error) {
     const char *const given[] = {a->models, a->from_step, a->lost_m, a->increments, a->rule, a->gate, a->iterations, a->protocol};
     static const char *const names[] = {"models", "from-step", "lost-m", "increments", "rule", "gate", "iterations", "protocol"};
+    if (a->imu) return mk_fail(error, "--imu is for navigation scenarios, whose model has \"navigation\"");
     for (int i = 0; i < 8; i++)
         if (given[i]) return mk_fail(error, "--%s is for tracking scenarios, whose model has \"motion\"", names[i]);
     return 1;
@@ -208,6 +210,12 @@ int mk_command_simulate(int argc, char **argv, struct mk_team *given) {
         mk_scenario_free(&scenario);
         return status;
     }
+    if (good && scenario.navigation && !given) {
+        status = mk_nav_simulate(&a, &scenario);
+        mk_scenario_free(&scenario);
+        return status;
+    }
+    if (good && scenario.navigation) good = mk_fail(&error, "%s: a navigation scenario runs in one process, on all its cores: leave mpirun away", path);
     if (good && scenario.tracking) good = mk_fail(&error, "%s: a tracking scenario runs in one process, on all its cores: leave mpirun away", path);
     good = good && refuse_tracking_options(&a, &error) && set_campaign(&c, &a, &scenario, team, &error) && open_source(&source, &c, &a, &error) &&
            read_arrivals(&arrivals, &c, &a, &error);

@@ -190,7 +190,7 @@ def main() -> int:
     parser.add_argument("--meshkal", type=Path, default=Path("build/meshkal"))
     parser.add_argument("--out", type=Path, default=Path("build/network-monitor"))
     parser.add_argument("--node-steps", type=float, default=1e6, help="for each rate of false alarms; ten times that for the small one")
-    parser.add_argument("--runs", type=int, default=200, help="of each ramp")
+    parser.add_argument("--runs", type=int, default=100, help="of each ramp")
     parser.add_argument("--rates", type=float, nargs="+", default=[0.1, 0.2, 0.5], help="of the ramp, metres a second")
     a = parser.parse_args()
     try:

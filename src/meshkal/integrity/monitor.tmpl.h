@@ -48,7 +48,7 @@ mk_status_t MK_F(mk_monitor_start)(int m, int places, int window, const MK_F_T(m
     memset(view->core, 0, sizeof *view->core);
     memset(view->sensor, 0, (size_t)places * sizeof *view->sensor);
     memset(view->fault, 0, (size_t)N * sizeof *view->fault);
-    memset(view->I, 0, (size_t)((window + 1) * MK_AT(N, 0)) * sizeof *view->I);
+    memset(view->information, 0, (size_t)((window + 1) * MK_AT(N, 0)) * sizeof *view->information);
     memset(view->v, 0, (size_t)((window + 1) * N) * sizeof *view->v);
     memset(view->seen, 0, (size_t)window * sizeof *view->seen);
     view->core->config = config;
@@ -178,14 +178,11 @@ static void MK_F(mk_monitor_end)(const MK_F_T(mk_monitor_view) * view, const mk_
     for (int k = 0; k < reading->sensors; k++) {
         const int place = reading->sensor[k].place, rows = reading->sensor[k].rows;
         if (!view->sensor[place].faulty) continue;
-        /* An innovation that overflows says nothing but that the fault goes on. */
-        if (MK_F(mk_all_finite)(rows, z)) {
-            read |= UINT32_C(1) << place;
-            if (MK_F(mk_fault_over)(config, z, view->sensor + place, view->fault + place * config->m)) {
-                MK_F(mk_monitor_mend)(view, place);
-                core->ended = 1;
-                core->ends++;
-            }
+        read |= UINT32_C(1) << place;
+        if (MK_F(mk_fault_over)(config, z, view->sensor + place, view->fault + place * config->m)) {
+            MK_F(mk_monitor_mend)(view, place);
+            core->ended = 1;
+            core->ends++;
         }
         z += rows;
     }
@@ -280,9 +277,9 @@ mk_status_t MK_F(mk_monitor_watch)(const MK_F_T(mk_monitor_view) * view, int sen
         core->rejected++;
         return status;
     }
-    const MK_REAL *const I_older = MK_F(mk_monitor_older)(view, view->I, packed), *const v_older = MK_F(mk_monitor_older)(view, view->v, N);
+    const MK_REAL *const I_older = MK_F(mk_monitor_older)(view, view->information, packed), *const v_older = MK_F(mk_monitor_older)(view, view->v, N);
     const uint32_t held = by_aime ? reading.seen | reading.remaining : 0;
-    for (int i = 0; i < packed; i++) I[i] = core->back ? view->I[window * packed + i] : MK_R(0.0);
+    for (int i = 0; i < packed; i++) I[i] = core->back ? view->information[window * packed + i] : MK_R(0.0);
     for (int i = 0; i < N; i++) v[i] = core->back ? view->v[window * N + i] : MK_R(0.0);
     MK_F(mk_monitor_add)(&reading, Z, v_new, I, v);
     const int window_rows = MK_F(mk_monitor_statistic)(held, I, v, I_older, v_older, work, &q_A);
