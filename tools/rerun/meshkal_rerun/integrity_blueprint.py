@@ -19,7 +19,7 @@ def tab(header: Header, first: Batch) -> rrb.Horizontal:
     right = [ratio(header, "rctm" if tested(header) == "aime" else "aime"), statistic(header)]
     left = [ratio(header, tested(header)), *ends(header), isolation(header)]
     if first.weight is not None:
-        right.append(weights(header))
+        right.append(weight_map(header) if header.central and header.nodes <= DRAWN_SLOTS else weights(header))
     if first.fault is not None:
         right.append(series("fault", "Injected fault of each sensor, unit of its reading", ["$origin/**"], legend=True))
     return rrb.Horizontal(
@@ -88,6 +88,13 @@ def isolation(header: Header) -> rrb.TimeSeriesView:
 def weights(header: Header) -> rrb.TimeSeriesView:
     name = f"Weight of each reading{_each(header)}: 1 used as it is, 0 not at all"
     return series("weight", name, ["$origin/**"], legend=header.nodes <= LEGEND_NODES, axis=rrb.ScalarAxis(range=(-0.05, 1.05)))
+
+
+def weight_map(header: Header) -> rrb.TimeSeriesView:
+    """Of a centre with not too many sensors."""
+    numbers = [header.sensor_number(k) for k in range(header.nodes)]
+    name = "Weight of each reading, by the number of its sensor; blue: full, red: none"
+    return series("weight_map", name, ["$origin/**"], axis=rrb.ScalarAxis(range=(min(numbers) - 0.8, max(numbers) + 0.8)))
 
 
 def _each(header: Header) -> str:
