@@ -61,7 +61,8 @@ class IntegrityRecorder:
             self._per_slot("isolation", times, derive.finite(batch.isolation), np.nanmax)
             if batch.end_ratio is not None:
                 self._per_slot("end_ratio", times, derive.finite(batch.end_ratio), np.nanmax)
-                self._series.lines("end_ratio/decision", times, np.ones(len(batch.step)), names="decision: 1", colors=colours.REFERENCE, widths=1.0)
+                ones = np.ones(len(batch.step))
+                self._series.lines("end_ratio/decision", times, ones, names="decision: 1", colors=colours.REFERENCE, widths=1.0)
             self._monitor_lanes(batch)
         self._words(batch, events)
 
@@ -82,7 +83,8 @@ class IntegrityRecorder:
                 self._marks(f"monitor_ratio/alarm/{path}", batch, marked[:, e], f"{self._names[e]}: alarm", "cross", colours.WORST)
                 # On the line of the threshold: the window may be empty then, and have no statistic.
                 over = np.where(batch.monitor_ended[:, e] != 0, 1.0, np.nan)
-                self._marks(f"monitor_ratio/ended/{path}", batch, over, f"{self._names[e]}: fault declared over", "diamond", colours.TRUTH, size=6.0)
+                name = f"{self._names[e]}: fault declared over"
+                self._marks(f"monitor_ratio/ended/{path}", batch, over, name, "diamond", colours.TRUTH, size=6.0)
 
     def _ends(self, times: list, batch: Batch) -> None:
         """Of `aime-improved`: a fault is over where rho is above its limit, the median and the jump."""
@@ -92,7 +94,8 @@ class IntegrityRecorder:
         self._each("monitor_rho/rho", times, rho, "rho", colours.MEDIAN)
         self._each("monitor_rho/median", times, median, "median of the last three", colours.BOUND)
         if self._header.estimators == 1:
-            self._series.lines("monitor_rho/limit", times, median[:, 0] + self._jump, names=f"median + {self._jump:g}", colors=colours.LIMIT_LINE)
+            style = {"names": f"median + {self._jump:g}", "colors": colours.LIMIT_LINE, "widths": 1.0}
+            self._series.lines("monitor_rho/limit", times, median[:, 0] + self._jump, **style)
         self._band("monitor_rho/rho", times, rho)
 
     def _each(self, path: str, times: list, values: np.ndarray, name: str, colour: int) -> None:

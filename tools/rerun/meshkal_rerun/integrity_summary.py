@@ -67,7 +67,8 @@ class IntegritySummary:
 
     def facts(self) -> list[tuple[str, str]]:
         header = self._header
-        return [("monitor", f"{header.monitor}, window {header.monitor_window}, false alarm {header.monitor_false_alarm:g}")] if header.monitor else []
+        what = f"{header.monitor}, window {header.monitor_window}, false alarm {header.monitor_false_alarm:g}"
+        return [("monitor", what)] if header.monitor else []
 
     def _when(self, name: str, first_name: str, spans: list[list]) -> list[tuple[str, str]]:
         """Of one estimator all, of several how many and where the first was: the table is narrow."""

@@ -74,7 +74,10 @@ def _plots(header: Header, first: Batch, compared: tuple[str, ...]) -> list[rrb.
 
 def _summary(header: Header) -> rrb.Horizontal:
     return rrb.Horizontal(
-        rrb.TextDocumentView(origin="summary", name="Summary"), text_log("integrity_events", "Alarms and faults"), column_shares=[5, 4], name="Summary"
+        rrb.TextDocumentView(origin="summary", name="Summary"),
+        text_log("integrity_events", "Alarms and faults"),
+        column_shares=[5, 4],
+        name="Summary",
     )
 
 
