@@ -18,7 +18,7 @@ _ARM = 5.2
 # A satellite that has moved less is not drawn again in its trail.
 _STEP_DEG = 0.2
 _RING_RADIUS = 6.6
-_BESIDE = (9.5, 0.0)
+_BESIDE = (9.5, -4.0)
 
 
 class Sky:

@@ -27,7 +27,8 @@ def series(
     axis: rrb.ScalarAxis | None = None,
     corner: rrb.Corner2D = rrb.Corner2D.RightTop,
 ) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(origin=origin, contents=contents, name=name, plot_legend=rrb.PlotLegend(corner, visible=legend), axis_x=TIME_AXIS, axis_y=axis)
+    labels = rrb.PlotLegend(corner, visible=legend)
+    return rrb.TimeSeriesView(origin=origin, contents=contents, name=name, plot_legend=labels, axis_x=TIME_AXIS, axis_y=axis)
 
 
 def plot(
