@@ -4,7 +4,7 @@
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn
 
-from .reader import Batch, Header
+from .fields import Batch, Header
 from .scenario import Scenario
 from .scene import ELLIPSOIDS, viewpoint
 
@@ -18,9 +18,17 @@ _LOG_COLUMNS = [TextLogColumn("loglevel", visible=True), TextLogColumn("body", v
 TIME_AXIS = rrb.TimeAxis(view_range=rrb.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite()))
 
 
-def series(origin: str, name: str, contents: list[str], *, legend: bool = False, axis: rrb.ScalarAxis | None = None) -> rrb.TimeSeriesView:
-    corner = rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend)
-    return rrb.TimeSeriesView(origin=origin, contents=contents, name=name, plot_legend=corner, axis_x=TIME_AXIS, axis_y=axis)
+def series(
+    origin: str,
+    name: str,
+    contents: list[str],
+    *,
+    legend: bool = False,
+    axis: rrb.ScalarAxis | None = None,
+    corner: rrb.Corner2D = rrb.Corner2D.RightTop,
+) -> rrb.TimeSeriesView:
+    labels = rrb.PlotLegend(corner, visible=legend)
+    return rrb.TimeSeriesView(origin=origin, contents=contents, name=name, plot_legend=labels, axis_x=TIME_AXIS, axis_y=axis)
 
 
 def plot(
