@@ -23,17 +23,18 @@ static int check_header(const char *path, long number, char *line, int columns, 
                    strchr(line, ';') || strchr(line, '\t') ? ": columns are separated by commas, and decimals have a point" : "");
 }
 
-static int read_line(mk_csv_t *csv, char *text, long line, const char *const *names, mk_error_t *error) {
+static int read_line(mk_csv_t *csv, char *text, long line, const char *const *names, unsigned long gaps, mk_error_t *error) {
     double *value = csv->value + csv->rows * (size_t)csv->columns;
     for (int c = 0; c < csv->columns; c++) {
         char *end;
         value[c] = strtod(text, &end);
-        const int filled = end != text;
+        const int gap = (gaps >> c & 1) && (end == text || isnan(value[c])), filled = gap || end != text;
         while (*end == ' ' || *end == '\r') end++;
         if (!filled || *end != (c < csv->columns - 1 ? ',' : 0))
             return mk_fail(error, "%s:%ld: column %s: expected a number and %s", csv->path, line, names[c],
                            c < csv->columns - 1 ? "a comma" : "the end of the line");
-        if (!isfinite(value[c])) return mk_fail(error, "%s:%ld: column %s is not finite", csv->path, line, names[c]);
+        if (gap) value[c] = (double)NAN;
+        else if (!isfinite(value[c])) return mk_fail(error, "%s:%ld: column %s is not finite", csv->path, line, names[c]);
         text = end + 1;
     }
     csv->line[csv->rows++] = line;
@@ -41,6 +42,10 @@ static int read_line(mk_csv_t *csv, char *text, long line, const char *const *na
 }
 
 int mk_csv_read(mk_csv_t *csv, const char *path, int columns, const char *const *names, mk_error_t *error) {
+    return mk_csv_read_gaps(csv, path, columns, names, 0, error);
+}
+
+int mk_csv_read_gaps(mk_csv_t *csv, const char *path, int columns, const char *const *names, unsigned long gaps, mk_error_t *error) {
     size_t length;
     memset(csv, 0, sizeof *csv);
     char *text = mk_read_file(path, &length, error);
@@ -65,7 +70,7 @@ int mk_csv_read(mk_csv_t *csv, const char *path, int columns, const char *const 
         const char first = at[strspn(at, " \r")];
         const int empty = first == '#' || first == 0;
         if (!empty && !headed) good = headed = check_header(path, line, at, columns, names, error);
-        else if (!empty) good = read_line(csv, at, line, names, error);
+        else if (!empty) good = read_line(csv, at, line, names, gaps, error);
         at = end ? end + 1 : NULL;
     }
     if (good && !headed) good = mk_fail(error, "%s: empty", path);

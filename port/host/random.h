@@ -14,7 +14,8 @@ typedef struct {
 } mk_random_t;
 
 enum { MK_DRAW_INITIAL, MK_DRAW_PROCESS, MK_DRAW_MEASUREMENT, MK_DRAW_LOSS, MK_DRAW_NETWORK, MK_DRAW_ADVERSARY,
-       MK_DRAW_FAULT, MK_DRAW_READING, MK_DRAW_STEP }; /* a fault and the loss of one reading; the loss of all readings of a step */
+       MK_DRAW_FAULT, MK_DRAW_READING, MK_DRAW_STEP, /* a fault and the loss of one reading; the loss of all readings of a step */
+       MK_DRAW_INERTIAL };
 
 /* Starts a stream. owner: node number, or 0. */
 void mk_random_start(mk_random_t *random, uint64_t seed, uint32_t run, uint32_t owner, uint32_t step, int purpose);

@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "scenario_monitor.h"
+#include "scenario_navigation.h"
 #include "scenario_tracking.h"
 
 /* Items go out whole, so that what a reader finds is cut between items unless the system itself stops in a write. */
@@ -33,7 +35,8 @@ int mk_log_open(mk_run_log_t *log, const char *path, mk_error_t *error) {
 
 /* more: pairs that the caller puts behind these. */
 static void put_header(mk_run_log_t *log, const mk_scenario_t *s, const mk_run_facts_t *facts, size_t more) {
-    mk_cbor_map(&log->out, (size_t)20 + (facts->estimator_node != NULL) + more);
+    const mk_monitor_settings_t *monitor = facts->monitor && facts->monitor->scheme != MK_MONITOR_NONE ? facts->monitor : NULL;
+    mk_cbor_map(&log->out, (size_t)20 + (facts->estimator_node != NULL) + (monitor ? 3 : 0) + more);
     mk_cbor_pair(&log->out, "format", "meshkal-log");
     mk_cbor_count(&log->out, "format_version", 1);
     mk_cbor_pair(&log->out, "program", "meshkal " MK_VERSION);
@@ -69,6 +72,11 @@ static void put_header(mk_run_log_t *log, const mk_scenario_t *s, const mk_run_f
         mk_cbor_array(&log->out, (size_t)facts->estimators);
         for (int e = 0; e < facts->estimators; e++) mk_cbor_uint(&log->out, (uint64_t)facts->estimator_node[e]);
     }
+    if (!monitor) return;
+    mk_cbor_pair(&log->out, "monitor", mk_monitor_name(monitor->scheme));
+    mk_cbor_count(&log->out, "monitor_window", (uint64_t)monitor->window);
+    mk_cbor_key(&log->out, "monitor_false_alarm");
+    mk_cbor_double(&log->out, monitor->false_alarm);
 }
 
 void mk_log_header(mk_run_log_t *log, const mk_scenario_t *s, const mk_run_facts_t *facts) {
@@ -87,6 +95,17 @@ void mk_log_header_tracking(mk_run_log_t *log, const mk_scenario_t *s, const mk_
     mk_cbor_count(&log->out, "increments", (uint64_t)tracking->increments);
     mk_cbor_key(&log->out, "gate");
     mk_cbor_double(&log->out, mk_tracking_gates(tracking, facts->filter) ? tracking->gate.significance : 0.0);
+    send_item(log);
+}
+
+void mk_log_header_navigation(mk_run_log_t *log, const mk_scenario_t *s, const mk_run_facts_t *facts, double start_s) {
+    put_header(log, s, facts, 3);
+    mk_cbor_pair(&log->out, "kind", "navigation");
+    mk_cbor_key(&log->out, "start_s");
+    mk_cbor_double(&log->out, start_s);
+    mk_cbor_key(&log->out, "satellites");
+    mk_cbor_array(&log->out, (size_t)s->nodes);
+    for (int k = 0; k < s->nodes; k++) mk_cbor_uint(&log->out, (uint64_t)s->navigation->satellite[k].number);
     send_item(log);
 }
 

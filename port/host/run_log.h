@@ -24,6 +24,7 @@ typedef struct {
     double loss;
     const int *first, *slot;   /* slots of the estimators, as in mk_scenario_t */
     const int *estimator_node; /* node of each, where not every node has one; otherwise null */
+    const mk_monitor_settings_t *monitor; /* of all estimators; null or its scheme MK_MONITOR_NONE: there is none */
 } mk_run_facts_t;
 
 /* path "-" is standard output. 1, or 0 and *error. */
@@ -31,6 +32,8 @@ int mk_log_open(mk_run_log_t *log, const char *path, mk_error_t *error);
 void mk_log_header(mk_run_log_t *log, const mk_scenario_t *scenario, const mk_run_facts_t *facts);
 /* Of a tracking scenario: also when the run starts, and the iterations of consensus in a step. */
 void mk_log_header_tracking(mk_run_log_t *log, const mk_scenario_t *scenario, const mk_run_facts_t *facts, double start_s, int iterations);
+/* Of a navigation scenario: also when the run starts, and the numbers of the satellites. */
+void mk_log_header_navigation(mk_run_log_t *log, const mk_scenario_t *scenario, const mk_run_facts_t *facts, double start_s);
 /* A step item: begin with the number of arrays, then each array, then end. Arrays: float64, float32 (real_size 8 or 4), uint32, uint8. */
 void mk_log_begin(mk_run_log_t *log, int run, int64_t step, int arrays);
 void mk_log_reals(mk_run_log_t *log, const char *key, const void *values, size_t real_size, size_t count);

@@ -11,20 +11,25 @@
 #include "dense.h"
 #include "file.h"
 #include "json_place.h"
+#include "scenario_faults.h"
 #include "scenario_graph.h"
+#include "scenario_monitor.h"
+#include "scenario_navigation.h"
 #include "scenario_nodes.h"
 #include "scenario_read.h"
 #include "scenario_tracking.h"
 
-static const char *const top_keys[] = {"name", "model", "nodes", "edges", "weights", "tolerance", "steps", "seed", NULL};
+static const char *const top_keys[] = {"name", "model", "nodes", "edges", "weights", "tolerance",
+                                       "steps", "seed", "faults", "monitor", NULL};
 static const char *const tracking_keys[] = {"name", "model", "nodes",        "edges",    "weights", "tolerance",
-                                            "steps", "seed", "reading_loss", "tracking", NULL};
+                                            "steps", "seed", "faults", "monitor", "reading_loss", "tracking", NULL};
 static const char *const model_keys[] = {"A", "Q", "input", "x0", "P0", "dt_s", "position_states", NULL};
 
 static int read_model(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
     json_t *model = mk_read_member(reader, root, "", "model", 1);
     if (!model) return 0;
     if (json_object_get(model, "motion")) return mk_read_motion(reader, model, s);
+    if (json_object_get(model, "navigation")) return mk_read_navigation(reader, model, s);
     if (!mk_read_keys(reader, model, "model", model_keys)) return 0;
     json_t *A = mk_read_member(reader, model, "model", "A", 1), *Q = mk_read_member(reader, model, "model", "Q", 1);
     if (!A || !Q) return 0;
@@ -84,7 +89,7 @@ static int read_rest(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
         if (!json_is_integer(seed) || json_integer_value(seed) < 0) return mk_read_bad(reader, "seed", "must be an integer, 0 or above");
         s->seed = (uint64_t)json_integer_value(seed);
     }
-    return !s->tracking || mk_read_tracking(reader, root, s);
+    return mk_read_faults(reader, root, s) && mk_read_monitor(reader, root, s) && (!s->tracking || mk_read_tracking(reader, root, s));
 }
 
 static int hash_text(mk_scenario_t *s, mk_error_t *error) {
@@ -97,9 +102,10 @@ static int hash_text(mk_scenario_t *s, mk_error_t *error) {
 
 int mk_scenario_load(mk_scenario_t *s, const char *path, mk_error_t *error) {
     if (!mk_scenario_load_any(s, path, error)) return 0;
-    if (!s->tracking) return 1;
+    if (!s->tracking && !s->navigation) return 1;
     mk_reader_t reader = {path, s->text, error, 0};
-    (void)mk_read_bad(&reader, "model.motion", "a scenario of tracking: here the model must be linear, with A and Q");
+    (void)mk_read_bad(&reader, s->tracking ? "model.motion" : "model.navigation", "a scenario of %s: here the model must be linear, with A and Q",
+                      s->tracking ? "tracking" : "navigation");
     mk_scenario_free(s);
     return 0;
 }
@@ -120,7 +126,7 @@ int mk_scenario_load_any(mk_scenario_t *s, const char *path, mk_error_t *error) 
     json_t *root = mk_read_outline(s->text, s->text_length, lists, elements, 2, &place);
     const char *const *known = json_object_get(json_object_get(root, "model"), "motion") ? tracking_keys : top_keys;
     const int good = root && mk_read_keys(&reader, root, "", known) && read_model(&reader, root, s) && mk_read_nodes(&reader, root, &elements[0], s) &&
-                     mk_read_graph(&reader, root, &elements[1], s) && read_rest(&reader, root, s) && hash_text(s, error);
+                     mk_read_graph(&reader, root, &elements[1], s) && (!s->navigation || mk_check_navigation(&reader, s)) && read_rest(&reader, root, s) && hash_text(s, error);
     mk_elements_close(&elements[0]);
     mk_elements_close(&elements[1]);
     if (!root || reader.no_json) {
@@ -144,7 +150,9 @@ void mk_scenario_free(mk_scenario_t *s) {
     for (int i = 0; s->block && i < s->blocks; i++) free(s->block[i]);
     free(s->block);
     mk_tracking_free(s->tracking, s->n, s->nodes);
+    mk_navigation_free(s->navigation);
     free(s->name);
+    free(s->fault);
     free(s->A);
     free(s->Q);
     free(s->input);

@@ -10,16 +10,30 @@
 
 typedef struct {
     int rows;
-    double *C;          /* rows x n; null in a tracking scenario */
+    double *C;          /* rows x n; null in a tracking or navigation scenario */
     double *R;          /* packed, rows */
     int position_count; /* 0, 2 or 3 */
     double position_m[3];
 } mk_sensor_t;
 
+/* What is added to row `row` of node `node` for from_s < t <= to_s: step + rate (t - from_s). */
+typedef struct {
+    int node, row;
+    double from_s, to_s, rate, step;
+} mk_sensor_fault_t;
+
+/* Of the monitors (meshkal/monitor.h), whose configuration explains them. */
+typedef struct {
+    int scheme, window, most; /* scheme: MK_MONITOR_, or MK_MONITOR_NONE of scenario_monitor.h */
+    double false_alarm;       /* Pfa */
+    double jump;              /* 0: 2 x window */
+    double evidence, separation;
+} mk_monitor_settings_t;
+
 typedef struct {
     char *name;
     int n;
-    double *A;     /* n x n; null in a tracking scenario */
+    double *A;     /* n x n; null in a tracking or navigation scenario */
     double *Q;     /* packed */
     double *input; /* n; null in a tracking scenario */
     double *x0;    /* n */
@@ -41,16 +55,21 @@ typedef struct {
     int steps;
     uint64_t seed;
 
-    struct mk_tracking *tracking; /* motion and sensors that are not linear (scenario_tracking.h); null: the scenario is linear */
+    int faults;
+    mk_sensor_fault_t *fault;
+    mk_monitor_settings_t monitor;
+
+    struct mk_tracking *tracking; /* motion and sensors that are not linear (scenario_tracking.h); null: the scenario is linear, or .. */
+    struct mk_navigation *navigation; /* .. an inertial unit with satellites (scenario_navigation.h) where this is not null */
 
     char *text; /* the file, byte for byte; null once it is dropped */
     size_t text_length;
     char sha256[65];
 } mk_scenario_t;
 
-/* Reads and checks a scenario, linear or of tracking. 1, or 0 and an error that names file, line and key; *scenario is then empty. */
+/* Reads and checks a scenario of any kind. 1, or 0 and an error that names file, line and key; *scenario is then empty. */
 int mk_scenario_load_any(mk_scenario_t *scenario, const char *path, mk_error_t *error);
-/* The same, a tracking scenario being an error. */
+/* The same, any but a linear one being an error. */
 int mk_scenario_load(mk_scenario_t *scenario, const char *path, mk_error_t *error);
 /* Releases the text, which only a log asks for: a third of what a large scenario holds. */
 void mk_scenario_drop_text(mk_scenario_t *scenario);

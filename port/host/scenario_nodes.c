@@ -7,6 +7,7 @@
 
 #include "first_error.h"
 #include "parallel.h"
+#include "scenario_navigation.h"
 #include "scenario_tracking.h"
 
 /* Nodes whose C and R share a block. */
@@ -44,8 +45,10 @@ static int read_node(mk_reader_t *reader, json_t *node, const char *at, const mk
     char place[80];
     mk_sensor_t *sensor = &s->sensor[k];
     json_t *C = NULL, *R = NULL;
-    const int rows = s->tracking ? mk_read_tracking_node(reader, node, at, s->tracking, sensor, &s->tracking->node[k], &R)
-                                 : read_linear(reader, node, at, sensor, &C, &R);
+    double variance = 0.0;
+    const int rows = s->tracking     ? mk_read_tracking_node(reader, node, at, s->tracking, sensor, &s->tracking->node[k], &R)
+                     : s->navigation ? 2 * mk_read_satellite(reader, node, at, &s->navigation->satellite[k], &variance) - 1
+                                     : read_linear(reader, node, at, sensor, &C, &R);
     if (rows < 0) return 0;
     sensor->rows = rows;
     const int width = C ? rows * s->n : 0;
@@ -59,6 +62,7 @@ static int read_node(mk_reader_t *reader, json_t *node, const char *at, const mk
     if (C && !mk_read_matrix(reader, C, place, rows, s->n, *block + *used)) return 0;
     place[strlen(place) - 1] = 'R';
     if (R && !mk_read_symmetric(reader, R, place, rows, 1, *block + *used + width)) return 0;
+    if (s->navigation) (*block)[*used] = variance;
     *used = needed;
     return 1;
 }
@@ -87,8 +91,8 @@ static void read_some(void *context, int worker, long index) {
     s->block[index] = block = smaller ? smaller : block;
     for (long k = begin; k < end && block; k++) {
         mk_sensor_t *sensor = &s->sensor[k];
-        sensor->C = s->tracking ? NULL : block;
-        sensor->R = block + (s->tracking ? 0 : sensor->rows * s->n);
+        sensor->C = s->tracking || s->navigation ? NULL : block;
+        sensor->R = block + (sensor->C ? sensor->rows * s->n : 0);
         block = sensor->R + sensor->rows * (sensor->rows + 1) / 2;
     }
 }
@@ -100,6 +104,7 @@ int mk_read_nodes(mk_reader_t *reader, json_t *root, const mk_elements_t *elemen
     s->nodes = (int)elements->count;
     s->sensor = mk_allocate((size_t)s->nodes, sizeof *s->sensor);
     if (s->tracking) s->tracking->node = mk_allocate((size_t)s->nodes, sizeof *s->tracking->node);
+    if (s->navigation) s->navigation->satellite = mk_allocate((size_t)s->nodes, sizeof *s->navigation->satellite);
     s->blocks = (s->nodes + TOGETHER - 1) / TOGETHER;
     s->block = mk_allocate((size_t)s->blocks, sizeof *s->block);
     nodes_t nodes = {.reader = reader, .elements = elements, .scenario = s};

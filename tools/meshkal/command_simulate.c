@@ -7,6 +7,7 @@
 #include "commands.h"
 #include "design/steady.h"
 #include "json_out.h"
+#include "navigation/nav_simulate.h"
 #include "parallel.h"
 #include "signals.h"
 #include "simulate_options.h"
@@ -25,7 +26,8 @@ static int read_arguments(int argc, char **argv, int alone, arguments_t *a, cons
                                    {"horizon", &a->horizon, NULL},     {"out", &a->out, NULL},                   {"json", &a->json, NULL},
                                    {"threads", &a->threads, NULL},     {"resume", &a->resume, NULL},           {"frozen", &a->frozen, NULL},
                                    {"arrivals", &a->arrivals, NULL},
-                                   {"record", &a->record, NULL},
+                                   {"record", &a->record, NULL},       {"imu", &a->imu, NULL},                 {"monitor", &a->monitor, NULL},         {"window", &a->window, NULL},
+                                   {"false-alarm", &a->false_alarm, NULL},
                                    {"models", &a->models, NULL}, {"from-step", &a->from_step, NULL}, {"lost-m", &a->lost_m, NULL},
                                    {"increments", &a->increments, NULL}, {"rule", &a->rule, NULL}, {"gate", &a->gate, NULL},
                                    {"iterations", &a->iterations, NULL}, {"protocol", &a->protocol, NULL},
@@ -36,6 +38,7 @@ static int read_arguments(int argc, char **argv, int alone, arguments_t *a, cons
 static int refuse_tracking_options(const arguments_t *a, mk_error_t *error) {
     const char *const given[] = {a->models, a->from_step, a->lost_m, a->increments, a->rule, a->gate, a->iterations, a->protocol};
     static const char *const names[] = {"models", "from-step", "lost-m", "increments", "rule", "gate", "iterations", "protocol"};
+    if (a->imu) return mk_fail(error, "--imu is for navigation scenarios, whose model has \"navigation\"");
     for (int i = 0; i < 8; i++)
         if (given[i]) return mk_fail(error, "--%s is for tracking scenarios, whose model has \"motion\"", names[i]);
     return 1;
@@ -88,7 +91,7 @@ static int set_campaign(mk_campaign_t *c, const arguments_t *a, const mk_scenari
         return mk_fail(error, "--record: %d nodes, but frames have 16 bits for the number of a node", s->nodes);
     if (s->nodes > UINT16_MAX && (!c->filter || c->filter->central))
         return mk_fail(error, "a centralised filter takes at most %d nodes, not %d", UINT16_MAX, s->nodes);
-    return set_shares(c, a, team, error);
+    return mk_monitor_options(a->monitor, a->window, a->false_alarm, s, &c->monitor, error) && set_shares(c, a, team, error);
 }
 
 static int open_source(mk_source_t *source, mk_campaign_t *c, const arguments_t *a, mk_error_t *error) {
@@ -202,6 +205,12 @@ int mk_command_simulate(int argc, char **argv, struct mk_team *given) {
         mk_scenario_free(&scenario);
         return status;
     }
+    if (good && scenario.navigation && !given) {
+        status = mk_nav_simulate(&a, &scenario);
+        mk_scenario_free(&scenario);
+        return status;
+    }
+    if (good && scenario.navigation) good = mk_fail(&error, "%s: a navigation scenario runs in one process, on all its cores: leave mpirun away", path);
     if (good && scenario.tracking) good = mk_fail(&error, "%s: a tracking scenario runs in one process, on all its cores: leave mpirun away", path);
     good = good && refuse_tracking_options(&a, &error) && set_campaign(&c, &a, &scenario, team, &error) && open_source(&source, &c, &a, &error) &&
            read_arrivals(&arrivals, &c, &a, &error);

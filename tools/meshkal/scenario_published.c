@@ -41,14 +41,36 @@ static void print_distributed(unsigned long long seed, double range_limit) {
                  seed);
 }
 
+/* Spec 3.4, with its fault of 0.15 m/s. */
+static void print_gnss_ins(unsigned long long seed) {
+    static const int elevation[8] = {75, 55, 48, 40, 33, 28, 22, 18}, azimuth[8] = {20, 110, 200, 290, 65, 155, 245, 335};
+    (void)printf("{\"name\": \"gnss-ins\",\n"
+                 " \"model\": {\"navigation\": {\"dt_s\": 1, \"imu_hz\": 100, \"speed_m_s\": 100,\n"
+                 "  \"maneuvers\": [{\"turn_deg\": 45, \"from_s\": 100, \"to_s\": 118}, {\"climb_m\": 500, \"from_s\": 220, \"to_s\": 270},\n"
+                 "   {\"turn_deg\": 45, \"from_s\": 330, \"to_s\": 348}],\n"
+                 "  \"gyro_bias_deg_h\": [-0.0009, 0.0013, 0.0008], \"accelerometer_bias_ug\": [30, -45, 26],\n"
+                 "  \"angle_random_walk_deg_sqrt_h\": 5e-4, \"velocity_random_walk_ug_sqrt_hz\": 10, \"clock_sf_m2_s\": 0.036, \"clock_sg_m2_s3\": 0.141,\n"
+                 "  \"initial_sd\": {\"attitude_rad\": 1e-4, \"velocity_m_s\": 0.05, \"position_m\": 2, \"clock_bias_m\": 5, \"clock_drift_m_s\": 0.1},\n"
+                 "  \"weights\": {\"normal\": [2.0, 5.0], \"significance\": [0.1, 0.01]}}},\n"
+                 " \"nodes\": [\n");
+    for (int k = 0; k < 8; k++)
+        (void)printf("  {\"satellite\": %d, \"elevation_deg\": %d, \"azimuth_deg\": %d, \"sigma_m\": 2.5}%s\n", k + 1, elevation[k], azimuth[k], k < 7 ? "," : "],");
+    (void)printf(" \"edges\": [],\n"
+                 " \"faults\": [{\"node\": 0, \"from_s\": 150, \"to_s\": 299, \"rate\": 0.15}],\n"
+                 " \"monitor\": {\"window\": 10, \"false_alarm\": 8e-10, \"jump\": 20},\n"
+                 " \"steps\": 418, \"seed\": %llu}\n",
+                 seed);
+}
+
 int mk_print_published(const char *kind, unsigned long long seed, double range_limit, mk_error_t *error) {
     if (strcmp(kind, "distributed-unscented") == 0) {
         print_distributed(seed, range_limit);
         return 1;
     }
-    if (strcmp(kind, "incomplete-measurements") != 0)
-        return mk_fail(error, "scenario %s: must be projectile, incomplete-measurements or distributed-unscented", kind);
+    if (strcmp(kind, "incomplete-measurements") != 0 && strcmp(kind, "gnss-ins") != 0)
+        return mk_fail(error, "scenario %s: must be projectile, incomplete-measurements, distributed-unscented or gnss-ins", kind);
     if (range_limit > 0.0) return mk_fail(error, "scenario %s: --range-limit is for another kind", kind);
-    print_incomplete(seed);
+    if (strcmp(kind, "gnss-ins") == 0) print_gnss_ins(seed);
+    else print_incomplete(seed);
     return 1;
 }

@@ -162,7 +162,7 @@ static int open_log(mk_running_t *r, mk_error_t *error) {
     if (c->log_path && r->team->rank == 0) {
         const mk_run_facts_t facts = {c->filter->name, c->network->name, r->source->truth == MK_TRUTH_RECORDED ? "recorded" : "drawn",
                                       mk_truth_name(r->source->truth), c->seed, c->runs, c->steps, c->filter->central ? 1 : s->nodes, c->loss,
-                                      c->filter->central ? r->topology.first : s->first, c->filter->central ? r->topology.slot : s->slot, NULL};
+                                      c->filter->central ? r->topology.first : s->first, c->filter->central ? r->topology.slot : s->slot, NULL, &c->monitor};
         good = mk_log_open(&r->log, c->log_path, error);
         if (good) mk_log_header(&r->log, s, &facts);
     }

@@ -6,6 +6,7 @@
 
 #include "design/filter.h"
 #include "run_log.h"
+#include "scenario_monitor.h"
 #include "simulation/arrivals.h"
 #include "simulation/network.h"
 #include "simulation/record.h"
@@ -21,6 +22,7 @@ typedef struct {
     double loss;          /* with arrivals: the share that is missing */
     const mk_arrivals_t *arrivals; /* of a distributed filter; null: messages are lost at random */
     double tolerance;     /* c of the design */
+    mk_monitor_settings_t monitor; /* of every estimator; scheme MK_MONITOR_NONE: none */
     double frozen;        /* nodes of constant tolerance freeze their gain this close to its limit; 0: they do not */
     const char *log_path; /* null: no log; "-": standard output */
     const char *record_path; /* directory for records of the nodes in the first run, one process; null: none */

@@ -8,6 +8,7 @@
 
 #include "design/design.h"
 #include "parallel.h"
+#include "scenario_faults.h"
 #include "simulation/gaussian.h"
 
 /* Readings that a thread draws at once. */
@@ -96,12 +97,14 @@ void mk_stream_open(mk_stream_t *stream, const mk_source_t *source, const mk_top
     stream->bias = stream->g + n;
     stream->next = stream->bias + n;
     stream->y = mk_allocate((size_t)source->row_first[s->nodes], sizeof *stream->y);
+    if (s->faults) stream->fault = mk_allocate((size_t)source->row_first[s->nodes], sizeof *stream->fault);
     stream->sum = mk_allocate((size_t)threads * n, sizeof *stream->sum);
 }
 
 void mk_stream_close(mk_stream_t *stream) {
     free(stream->x);
     free(stream->y);
+    free(stream->fault);
     free(stream->sum);
 }
 
@@ -206,6 +209,15 @@ static void move_error(mk_stream_t *stream, int t) {
     memset(stream->sum, 0, (size_t)n * sizeof *stream->sum);
 }
 
+/* Rows of other parts, of which nothing is asked, get it, too. */
+static void add_faults(mk_stream_t *stream, int t) {
+    const mk_source_t *source = stream->source;
+    const mk_scenario_t *s = source->scenario;
+    if (!stream->fault) return;
+    mk_faults_at(s, source->row_first, t * s->dt_s, stream->fault);
+    for (int i = 0; i < source->row_first[s->nodes]; i++) stream->y[i] += stream->fault[i];
+}
+
 void mk_stream_step(mk_stream_t *stream, int run, int t) {
     const mk_source_t *source = stream->source;
     const mk_scenario_t *s = source->scenario;
@@ -213,11 +225,12 @@ void mk_stream_step(mk_stream_t *stream, int run, int t) {
     if (source->truth == MK_TRUTH_RECORDED) {
         memcpy(stream->x, source->all_x + (size_t)t * n, n * sizeof *stream->x);
         memcpy(stream->y, source->all_y + (size_t)t * rows, rows * sizeof *stream->y);
-        return;
+    } else {
+        if (t == 0) draw_start(stream, run);
+        else draw_state(stream, run, t);
+        if (source->truth == MK_TRUTH_LEAST_FAVOURABLE) draw_adversary(stream, run, t);
+        draw_readings(stream, run, t);
+        if (source->truth == MK_TRUTH_LEAST_FAVOURABLE) move_error(stream, t);
     }
-    if (t == 0) draw_start(stream, run);
-    else draw_state(stream, run, t);
-    if (source->truth == MK_TRUTH_LEAST_FAVOURABLE) draw_adversary(stream, run, t);
-    draw_readings(stream, run, t);
-    if (source->truth == MK_TRUTH_LEAST_FAVOURABLE) move_error(stream, t);
+    add_faults(stream, t);
 }

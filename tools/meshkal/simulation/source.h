@@ -51,6 +51,7 @@ typedef struct {
     mk_team_t *team;           /* that holds the other parts */
     int threads;               /* that draw readings at once */
     double *x, *y;             /* of the step; NaN where unknown or missing. Without truth x is all NaN */
+    double *fault;             /* of all rows of all parts: what the scenario's faults added to y; null without faults */
     /* n numbers each. e: error of RKFC under its least favourable model; w: what the adversary adds to the noise of the step; g; bias: M A' g,
        by which all sensors see the state displaced */
     double *e, *w, *g, *bias, *next;

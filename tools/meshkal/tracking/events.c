@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "scenario_faults.h"
 #include "simulation/gaussian.h"
 #include "tracking/events_parts.h"
 
@@ -144,6 +145,7 @@ static int draw_reading(mk_run_events_t *stream, int k, double *z, int *faulty, 
         *faulty = mk_random_uniform(&random) < node->fault_probability;
         for (int r = 0; r < rows && *faulty; r++) z[r] += node->fault_sigma[r] * mk_random_normal(&random);
     }
+    *faulty |= mk_faults_add(s, k, events->facts.start_s + (double)stream->step * s->dt_s, z);
     if (status == MK_OK && !all_finite(rows, z)) status = MK_ERROR_NOT_FINITE;
     if (status != MK_OK)
         return mk_fail(error, "run %d, step %ld, node %d: reading of the drawn truth: %s: no reading where the target is (on the sensor?): move the sensor",

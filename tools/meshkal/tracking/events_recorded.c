@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "csv.h"
+#include "scenario_faults.h"
 #include "tracking/events_parts.h"
 
 /* One line of a file: a row of a reading, or one state of the truth (row 0). */
@@ -210,6 +211,15 @@ static void hash(mk_events_t *events) {
     (void)sodium_bin2hex(events->sha256, sizeof events->sha256, digest, sizeof digest);
 }
 
+static void add_faults(mk_events_t *events) {
+    const mk_scenario_t *s = events->models->scenario;
+    for (size_t i = 0; i < (size_t)events->facts.steps && s->faults; i++)
+        for (size_t j = events->first[i]; j < events->first[i + 1]; j++) {
+            mk_reading_t *const reading = &events->reading[j];
+            reading->faulty = mk_faults_add(s, reading->node, events->time[i], events->z + (reading->z - events->z));
+        }
+}
+
 mk_events_t *mk_events_record(const mk_models_f64_t *models, const char *measurements, const char *truth, long steps, mk_error_t *error) {
     const mk_scenario_t *s = models->scenario;
     const mk_tracking_t *tracking = s->tracking;
@@ -235,6 +245,7 @@ mk_events_t *mk_events_record(const mk_models_f64_t *models, const char *measure
     good = good && (!truth || read_truth(events, truth, error));
     if (good) {
         hash(events);
+        add_faults(events);
         return events;
     }
     mk_events_free(events);

@@ -13,7 +13,7 @@ static int robust(const mk_track_setting_t *setting) { return setting->filter->k
 void mk_track_log_header(mk_run_log_t *log, const mk_track_campaign_t *c, const mk_track_setting_t *setting) {
     const mk_run_facts_t facts = {c->filter->name, c->tracker->name, c->facts.drawn ? "drawn" : "recorded", c->facts.drawn ? "nominal" : "recorded",
                                   c->seed,         c->runs,          (int)c->facts.steps,                   setting->topology.estimators,
-                                  c->loss,         setting->topology.first, setting->topology.slot,         NULL};
+                                  c->loss,         setting->topology.first, setting->topology.slot,         NULL, NULL};
     mk_log_header_tracking(log, c->scenario, &facts, c->facts.start_s, setting->iterations);
 }
 

@@ -19,6 +19,7 @@
 static int refuse_options(const mk_simulate_options_t *a, mk_error_t *error) {
     if (a->truth && strcmp(a->truth, "least-favourable") == 0)
         return mk_fail(error, "--truth least-favourable is for linear scenarios: the worst model of a nonlinear one is not known");
+    if (a->monitor || a->window || a->false_alarm) return mk_fail(error, "--monitor, --window and --false-alarm are not for tracking scenarios");
     if (a->horizon) return mk_fail(error, "--horizon is for linear scenarios");
     if (a->frozen) return mk_fail(error, "--frozen is for linear scenarios: the gain of a nonlinear filter has no limit");
     if (a->resume) return mk_fail(error, "--resume is for linear scenarios");

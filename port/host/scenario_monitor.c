@@ -1,0 +1,75 @@
+/* SPDX-License-Identifier: MIT */
+#include "scenario_monitor.h"
+
+#include <errno.h>
+#include <float.h>
+#include <math.h>
+#include <meshkal/monitor.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "host_monitor.h"
+
+static const char *const names[] = {"none", "rctm", "aime", "aime-improved", "exclude", NULL};
+
+const char *mk_monitor_name(int scheme) { return names[scheme + 1]; }
+
+int mk_monitor_find(const char *name, int *scheme, mk_error_t *error) {
+    for (int i = 0; names[i]; i++) {
+        if (strcmp(name, names[i]) != 0) continue;
+        *scheme = i - 1;
+        return 1;
+    }
+    return mk_fail(error, "--monitor %s: must be none, rctm, aime, aime-improved or exclude", name);
+}
+
+int mk_read_monitor(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
+    static const char key[] = "monitor";
+    static const char *const keys[] = {"window", "false_alarm", "jump", "evidence", "separation", "most", NULL};
+    mk_monitor_settings_t *m = &s->monitor;
+    json_t *settings = json_object_get(root, key);
+    m->scheme = MK_MONITOR_NONE;
+    m->window = 10;
+    m->false_alarm = 8e-10;
+    m->evidence = 12.0;
+    m->separation = 10.0;
+    m->most = 2;
+    if (settings && (!mk_read_keys(reader, settings, key, keys) || !mk_read_integer(reader, settings, key, "window", 1, MK_MONITOR_LONGEST, &m->window) ||
+                     !mk_read_between(reader, settings, key, "false_alarm", DBL_MIN, 1.0 - DBL_EPSILON, "a probability, above 0 and below 1", &m->false_alarm) ||
+                     !mk_read_between(reader, settings, key, "jump", DBL_MIN, DBL_MAX, "a number above 0", &m->jump) ||
+                     !mk_read_between(reader, settings, key, "evidence", DBL_MIN, DBL_MAX, "a log likelihood ratio above 0", &m->evidence) ||
+                     !mk_read_between(reader, settings, key, "separation", 0.0, DBL_MAX, "a number, 0 or above", &m->separation) ||
+                     !mk_read_integer(reader, settings, key, "most", 1, MK_MONITOR_ROWS, &m->most)))
+        return 0;
+    return 1;
+}
+
+/* A number at the whole of text. */
+static int read_real(const char *text, double *value) {
+    char *end;
+    *value = strtod(text, &end);
+    return end != text && !*end;
+}
+
+int mk_monitor_options(const char *monitor, const char *window, const char *false_alarm, const mk_scenario_t *s, mk_monitor_settings_t *settings,
+                       mk_error_t *error) {
+    double value;
+    *settings = s->monitor;
+    settings->scheme = MK_MONITOR_NONE;
+    if (monitor && !mk_monitor_find(monitor, &settings->scheme, error)) return 0;
+    const int none = settings->scheme == MK_MONITOR_NONE;
+    if (none && (window || false_alarm)) return mk_fail(error, "--%s goes with --monitor", window ? "window" : "false-alarm");
+    if (window) {
+        if (!read_real(window, &value) || !(value >= 1.0 && value <= MK_MONITOR_LONGEST) || value > floor(value))
+            return mk_fail(error, "--window %s: must be an integer from 1 to %d", window, MK_MONITOR_LONGEST);
+        settings->window = (int)value;
+    }
+    if (false_alarm) {
+        if (!read_real(false_alarm, &value) || !(value > 0.0 && value < 1.0))
+            return mk_fail(error, "--false-alarm %s: must be a probability, above 0 and below 1", false_alarm);
+        settings->false_alarm = value;
+    }
+    /* Not published; the best single value found (spec 3.3). */
+    if (!(settings->jump > 0.0)) settings->jump = 2.0 * settings->window;
+    return 1;
+}
