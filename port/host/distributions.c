@@ -63,3 +63,48 @@ double mk_normal_quantile(double p) {
     }
     return sign * exp(u);
 }
+
+/* --- shares ---------------------------------------------------------------------------------------------------------------- */
+
+/* I_x(a, b) by its continued fraction (Lentz), 0 < x < 1, where that converges fast. */
+static double beta_fraction(double a, double b, double x) {
+    double c = 1.0, d = 1.0 - (a + b) * x / (a + 1.0), value;
+    d = 1.0 / (fabs(d) < 1e-300 ? 1e-300 : d);
+    value = d;
+    for (int m = 1; m < 100000; m++) {
+        const double even = m * (b - m) * x / ((a + 2 * m - 1.0) * (a + 2.0 * m)), odd = -(a + m) * (a + b + m) * x / ((a + 2.0 * m) * (a + 2 * m + 1.0));
+        for (int half = 0; half < 2; half++) {
+            const double term = half ? odd : even;
+            d = 1.0 + term * d;
+            c = 1.0 + term / c;
+            d = 1.0 / (fabs(d) < 1e-300 ? 1e-300 : d);
+            if (fabs(c) < 1e-300) c = 1e-300;
+            value *= c * d;
+        }
+        if (fabs(c * d - 1.0) < 1e-15) break;
+    }
+    return exp(a * log(x) + b * log1p(-x) + lgamma(a + b) - lgamma(a) - lgamma(b)) / a * value;
+}
+
+/* P(X <= x) of a beta variable. */
+static double beta_probability(double a, double b, double x) {
+    return x < (a + 1.0) / (a + b + 2.0) ? beta_fraction(a, b, x) : 1.0 - beta_fraction(b, a, 1.0 - x);
+}
+
+static double beta_quantile(double a, double b, double p) {
+    double low = log(1e-300), high = 0.0;
+    for (int i = 0; i < 200 && high - low > 1e-15; i++) {
+        const double u = 0.5 * (low + high);
+        if (beta_probability(a, b, exp(u)) < p) low = u;
+        else high = u;
+    }
+    return exp(0.5 * (low + high));
+}
+
+void mk_share_interval(double hits, double trials, double tail, double *low, double *high) {
+    *low = *high = (double)NAN;
+    if (!(hits >= 0.0 && hits <= trials && trials >= 1.0 && tail > 0.0 && tail < 0.5)) return;
+    *low = hits > 0.0 ? beta_quantile(hits, trials - hits + 1.0, tail) : 0.0;
+    /* By its complement, whose small tail keeps its digits. */
+    *high = hits < trials ? 1.0 - beta_quantile(trials - hits, hits + 1.0, tail) : 1.0;
+}

@@ -7,14 +7,14 @@ typedef struct {
 
 MK_F_T(mk_host_monitor) * MK_F(mk_host_monitor_open)(const mk_monitor_settings_t *settings, int m, int places) {
     const size_t N = (size_t)(m * places), window = (size_t)settings->window, P = (size_t)places;
-    const size_t numbers = N + (window + 1) * (MK_PACKED(N) + N);
+    const size_t numbers = N + 2 * (size_t)m + (window + 1) * (MK_PACKED(N) + N);
     /* Each type where it is aligned. */
     MK_F_T(monitor_head) *const head = mk_allocate(1, sizeof *head + P * sizeof(MK_F_T(mk_watched)) + N * sizeof(MK_F_T(mk_fault)) +
                                                           numbers * sizeof(MK_REAL) + window * sizeof(uint32_t));
     MK_F_T(mk_host_monitor) *const h = &head->host;
     MK_F_T(mk_watched) *const sensor = (MK_F_T(mk_watched) *)(void *)(head + 1);
     MK_F_T(mk_fault) *const fault = (MK_F_T(mk_fault) *)(void *)(sensor + P);
-    MK_REAL *const threshold = (MK_REAL *)(void *)(fault + N);
+    MK_REAL *const threshold = (MK_REAL *)(void *)(fault + N), *const zero = threshold + N, *const back = zero + m;
     h->m = m;
     h->places = places;
     h->window = settings->window;
@@ -25,15 +25,21 @@ MK_F_T(mk_host_monitor) * MK_F(mk_host_monitor_open)(const mk_monitor_settings_t
     h->config.jump = (MK_REAL)(settings->jump > 0.0 ? settings->jump : 2.0 * settings->window);
     h->config.separation = (MK_REAL)settings->separation;
     h->config.evidence = (MK_REAL)settings->evidence;
+    h->config.zero = zero;
+    h->config.back = back;
+    h->config.level = (MK_REAL)settings->level;
+    h->config.slope = (MK_REAL)settings->slope;
     h->config.most = (uint16_t)(settings->most < places ? settings->most : places);
     h->config.scheme = (uint8_t)settings->scheme;
     h->view.core = &head->core;
     h->view.sensor = sensor;
     h->view.fault = fault;
-    h->view.I = threshold + N;
+    h->view.I = back + m;
     h->view.v = h->view.I + (window + 1) * MK_PACKED(N);
     h->view.seen = (uint32_t *)(void *)(h->view.v + (window + 1) * N);
     (void)MK_F(mk_gate_thresholds)(settings->false_alarm, (int)N, threshold);
+    (void)MK_F(mk_gate_thresholds)(1e-3, m, zero);
+    (void)MK_F(mk_gate_thresholds)(0.1, m, back);
     MK_F(mk_host_monitor_start)(h);
     return h;
 }

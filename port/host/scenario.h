@@ -27,7 +27,7 @@ typedef struct {
     int scheme, window, most; /* scheme: MK_MONITOR_, or MK_MONITOR_NONE of scenario_monitor.h */
     double false_alarm;       /* Pfa */
     double jump;              /* 0: 2 x window */
-    double evidence, separation;
+    double evidence, separation, level, slope;
 } mk_monitor_settings_t;
 
 typedef struct {

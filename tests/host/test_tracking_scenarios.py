@@ -188,7 +188,7 @@ def test_keys_of_tracking_are_no_keys_of_linear_scenarios(refused, tmp_path):
         (tmp_path / "s.json").write_text(json.dumps(wrong, indent=1))
         assert refused(tmp_path, "draw", "{}/s.json") == f"{tmp_path}/s.json:{line_of(wrong, key)}: {message}"
     (tmp_path / "s.json").write_text(json.dumps(linear))
-    assert refused(tmp_path, "draw", "{}/s.json").endswith('s.json: the model is linear (no "motion"): draw is for tracking')
+    assert refused(tmp_path, "draw", "{}/s.json").endswith('s.json: the model is linear (no "motion", no "navigation"): draw is for tracking and navigation')
 
 
 @pytest.mark.parametrize("command", ["analyze", "fit"])

@@ -149,6 +149,11 @@ int mk_command_design(int argc, char **argv) {
     const double begin = mk_seconds();
     if (!mk_parse_options(argc, argv, options, "the scenario file", &path, &error) || !mk_scenario_load_any(&scenario, path, &error))
         return mk_complain(&error, MK_EXIT_INPUT);
+    if (scenario.navigation) {
+        mk_scenario_free(&scenario);
+        (void)mk_fail(&error, "%s: a navigation scenario: design is for linear and tracking ones", path);
+        return mk_complain(&error, MK_EXIT_INPUT);
+    }
     if (!fits_kind(&a, scenario.tracking != NULL, &error)) {
         mk_scenario_free(&scenario);
         return mk_complain(&error, MK_EXIT_INPUT);

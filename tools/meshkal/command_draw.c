@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: MIT */
-/* One run of a tracking scenario as CSV files, for other programs, and to be read again with simulate --measurements. */
+/* One run of a tracking or navigation scenario as CSV files, for other programs, and to be read again with simulate --measurements. */
 #include <limits.h>
 #include <stdio.h>
 
 #include "commands.h"
 #include "json_out.h"
+#include "navigation/nav_draw.h"
 #include "plugin_load.h"
 #include "tracking/events.h"
 
@@ -96,10 +97,10 @@ int mk_command_draw(int argc, char **argv) {
     mk_error_t error;
     mk_scenario_t s;
     drawing_t d = {0};
-    const char *path, *steps_text = NULL, *seed_text = NULL, *run_text = NULL, *models_path = NULL;
+    const char *path, *steps_text = NULL, *seed_text = NULL, *run_text = NULL, *models_path = NULL, *imu_path = NULL;
     const mk_option_t options[] = {{"measurements", &d.path[MEASUREMENTS], NULL}, {"truth", &d.path[TRUTH], NULL}, {"json", &d.path[SUMMARY], NULL},
                                    {"steps", &steps_text, NULL}, {"seed", &seed_text, NULL}, {"run", &run_text, NULL},
-                                   {"models", &models_path, NULL}, {NULL, NULL, NULL}};
+                                   {"models", &models_path, NULL}, {"imu", &imu_path, NULL}, {NULL, NULL, NULL}};
     long long steps = 0, seed = -1, run = 0;
     const mk_plugin_t *plugin;
     if (!mk_parse_options(argc, argv, options, "the scenario file", &path, &error) ||
@@ -108,7 +109,16 @@ int mk_command_draw(int argc, char **argv) {
         return mk_complain(&error, MK_EXIT_INPUT);
     int status = MK_EXIT_INPUT;
     mk_models_f64_t *models = NULL;
-    if (!s.tracking) (void)mk_fail(&error, "%s: the model is linear (no \"motion\"): draw is for tracking", path);
+    if (s.navigation && !models_path) {
+        const mk_nav_draw_options_t options = {d.path[MEASUREMENTS], imu_path, d.path[TRUTH], d.path[SUMMARY], seed < 0 ? s.seed : (uint64_t)seed, (int)run,
+                                               steps > 0 ? (long)steps : s.steps};
+        status = mk_nav_draw(&s, &options);
+        mk_scenario_free(&s);
+        return status;
+    }
+    if (s.navigation) (void)mk_fail(&error, "--models is for tracking scenarios");
+    else if (!s.tracking) (void)mk_fail(&error, "%s: the model is linear (no \"motion\", no \"navigation\"): draw is for tracking and navigation", path);
+    else if (imu_path) (void)mk_fail(&error, "--imu is for navigation scenarios, whose model has \"navigation\"");
     else if (mk_plugin_load(models_path, &plugin, &error)) models = mk_models_open_f64(&s, plugin, &error);
     d.faults = json_array();
     if (models) status = draw_files(&d, models, seed < 0 ? s.seed : (uint64_t)seed, (int)run, steps > 0 ? (long)steps : s.steps, &error);

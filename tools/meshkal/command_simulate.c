@@ -7,6 +7,7 @@
 #include "commands.h"
 #include "design/steady.h"
 #include "json_out.h"
+#include "monitor_report.h"
 #include "navigation/nav_simulate.h"
 #include "parallel.h"
 #include "signals.h"
@@ -125,11 +126,14 @@ static int read_arrivals(mk_arrivals_t *arrivals, mk_campaign_t *c, const argume
 
 /* Everything that decides the numbers of a run, but the filter and the recorded files. */
 static void identify(char *text, size_t room, const mk_campaign_t *c, const mk_source_t *source) {
-    char frozen[40] = "";
+    const mk_monitor_settings_t *m = &c->monitor;
+    char frozen[40] = "", monitor[200] = "";
     if (c->frozen > 0.0) (void)snprintf(frozen, sizeof frozen, " frozen %.17g", c->frozen);
-    (void)snprintf(text, room, "meshkal " MK_VERSION " scenario %s seed %llu steps %d loss %.17g tolerance %.17g real %s truth %s horizon %d%s",
+    if (m->scheme != MK_MONITOR_NONE)
+        (void)snprintf(monitor, sizeof monitor, " monitor %s window %d false-alarm %.17g", mk_monitor_name(m->scheme), m->window, m->false_alarm);
+    (void)snprintf(text, room, "meshkal " MK_VERSION " scenario %s seed %llu steps %d loss %.17g tolerance %.17g real %s truth %s horizon %d%s%s",
                    c->scenario->sha256, (unsigned long long)c->seed, c->steps, c->loss, c->tolerance, c->network->name, mk_truth_name(source->truth),
-                   source->worst.horizon, frozen);
+                   source->worst.horizon, frozen, monitor);
 }
 
 /* Runs the campaign's filter, or all of them if it has none, into the table and the JSON list. An exit status. */
@@ -156,6 +160,7 @@ static int run_filters(mk_campaign_t *c, const mk_source_t *source, mk_team_t *t
         (void)json_array_append_new(filters, mk_report_filter(c, &result));
         ran = 1;
     }
+    if (team->rank == 0) mk_report_alert_tables(table, c, filters);
     if (team->rank == 0) mk_report_foot(table, c, source, team, &result);
     mk_result_free(&result);
     return 0;

@@ -40,6 +40,8 @@ static const char simulate_help[] =
     "    --truth nominal|least-favourable   model that is drawn from (default nominal)\n"
     "    --truth FILE.csv     recorded truth of recorded measurements: columns t,state,value\n"
     "    --horizon T          last step of the least favourable model (default: 100 after the run)\n"
+    "    --monitor none|rctm|aime|aime-improved|exclude   each filter has its integrity monitor (meshkal/monitor.h; default none)\n"
+    "    --window M --false-alarm P               of the monitors, instead of the scenario's\n"
     "    --out FILE           log of the run, CBOR; - is standard output\n"
     "    --record DIR         a record of every node in the first run, for meshkal replay and for firmware\n"
     "    --json FILE          summary for programs\n"
@@ -50,7 +52,12 @@ static const char simulate_help[] =
     "    --models FILE.so     own models, see meshkal/plugin.h\n"
     "    --from-step K        first step of RMSE, NEES and NIS, from 1 (default: the second half)\n"
     "    --lost-m D           count runs that end with a position error above D metres\n"
-    "    --increments N --rule R --gate P|none --protocol C --iterations L --tolerance C    instead of the scenario's\n";
+    "    --increments N --rule R --gate P|none --protocol C --iterations L --tolerance C    instead of the scenario's\n"
+    "  of a navigation scenario (its model has \"navigation\"): --steps --seed --runs --real --from-step --monitor --window --false-alarm --out --json --threads and\n"
+    "    --filter F           ekf rekf-n rekf-t (default ekf), or all\n"
+    "    --measurements FILE.csv  recorded pseudoranges: columns t,satellite,value,x,y,z (m, the satellite's place in the local frame); no or NaN value: none\n"
+    "    --imu FILE.csv       and inertial samples: columns t,wx,wy,wz,fx,fy,fz (rad/s, m/s^2; right, forward, up; means over the interval that ends at t)\n"
+    "    --truth FILE.csv     one line a time, columns as meshkal draw writes them\n";
 
 static const char analyze_help[] =
     "meshkal analyze SCENARIO.json [options]     error of every filter when the model errs as badly as c allows, by covariances\n"
@@ -78,16 +85,20 @@ static const char scenario_help[] =
     "meshkal scenario incomplete-measurements    a target and three ranges that fail, as published; to standard output\n"
     "meshkal scenario distributed-unscented      a target and three linked ranges, as published; to standard output\n"
     "    --range-limit R      metres that its sensors reach (default: all)\n"
-    "    Both: --seed S\n";
+    "meshkal scenario gnss-ins                   satellites and an inertial unit, as published, with a fault of 0.15 m/s on satellite 1; to standard output\n"
+    "    Edit its keys for other ones: faults[0].rate, from_s, to_s; without \"faults\" there is none\n"
+    "    These three: --seed S\n";
 
 static const char draw_help[] =
-    "meshkal draw SCENARIO.json [options]        truth and readings of one run of a tracking scenario, as CSV files\n"
+    "meshkal draw SCENARIO.json [options]        truth and readings of one run of a tracking or navigation scenario, as CSV files\n"
     "    --measurements FILE.csv  columns t,node,row,value, t in seconds\n"
     "    --truth FILE.csv     columns t,state,value\n"
     "    --steps T --seed S   instead of the scenario's\n"
     "    --run R              number of the run, from 0 (default 0)\n"
     "    --models FILE.so     own models, see meshkal/plugin.h\n"
-    "    --json FILE          initial estimate, counts and faults for programs\n";
+    "    --json FILE          initial estimate, counts and faults for programs\n"
+    "  of a navigation scenario: --measurements, --truth, --steps, --seed, --run, --json (its \"estimate\" goes into model.navigation.estimate) and\n"
+    "    --imu FILE.csv       inertial samples; the files are those of simulate --measurements --imu --truth, without the faults: simulate adds them\n";
 
 static const char replay_help[] =
     "meshkal replay RECORD [options]             run a node again from its record and compare every bit\n"

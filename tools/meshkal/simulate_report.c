@@ -5,6 +5,7 @@
 #include <stdlib.h>
 
 #include "json_out.h"
+#include "monitor_report.h"
 #include "process.h"
 
 static double decibel(double msd) { return 10.0 * log10(msd); }
@@ -108,6 +109,7 @@ json_t *mk_report_filter(const mk_campaign_t *c, const mk_result_t *r) {
     }
     set_means(object, "state_rmse", "state_rmse_ci95", rmse, rmse + n, n);
     set_means(object, "node_msd", "node_msd_ci95", mean->node_msd, half->node_msd, (size_t)r->estimators);
+    mk_report_alerts(object, c, r);
     set_means(object, "msd_over_time", "msd_over_time_ci95", mean->msd, half->msd, steps);
     mk_json_set(object, "numbers_sent_per_step", mk_json_number(sent));
     mk_json_set(object, "numbers_from_centre_per_step", mk_json_number(from_centre));
@@ -131,6 +133,11 @@ json_t *mk_report_summary(const mk_campaign_t *c, const mk_source_t *source, con
     mk_json_set(root, "runs", json_integer(c->runs));
     mk_json_set(root, "seed", json_integer((json_int_t)c->seed));
     mk_json_set(root, "loss", json_real(c->loss));
+    mk_json_set(root, "monitor", json_string(mk_monitor_name(c->monitor.scheme)));
+    if (c->monitor.scheme != MK_MONITOR_NONE) {
+        mk_json_set(root, "monitor_window", json_integer(c->monitor.window));
+        mk_json_set(root, "monitor_false_alarm", json_real(c->monitor.false_alarm));
+    }
     if (c->arrivals) mk_json_set(root, "arrivals_sha256", json_string(c->arrivals->sha256));
     mk_json_set(root, "tolerance", json_real(c->tolerance));
     mk_json_set(root, "threads", json_integer(c->threads));

@@ -14,8 +14,14 @@ static mk_status_t MK_F(mk_monitor_check)(int m, int places, int window, const M
         if (!(config->jump > MK_R(0.0))) return MK_ERROR_ARGUMENT;
     }
     if (config->scheme == MK_MONITOR_EXCLUDE) {
-        if (!MK_F(mk_all_finite)(1, &config->separation) || !MK_F(mk_all_finite)(1, &config->evidence)) return MK_ERROR_NOT_FINITE;
-        if (!(config->separation >= MK_R(0.0) && config->evidence > MK_R(0.0)) || config->most < 1) return MK_ERROR_ARGUMENT;
+        if (!config->zero || !config->back) return MK_ERROR_ARGUMENT;
+        const MK_REAL single[4] = {config->separation, config->evidence, config->level, config->slope};
+        if (!MK_F(mk_all_finite)(4, single) || !MK_F(mk_all_finite)(m, config->zero) || !MK_F(mk_all_finite)(m, config->back)) return MK_ERROR_NOT_FINITE;
+        for (int i = 0; i < 4; i++)
+            if (!(single[i] >= MK_R(0.0))) return MK_ERROR_ARGUMENT;
+        for (int i = 0; i < m; i++)
+            if (!(config->zero[i] > MK_R(0.0) && config->back[i] >= MK_R(0.0))) return MK_ERROR_ARGUMENT;
+        if (!(config->evidence > MK_R(0.0)) || config->most < 1) return MK_ERROR_ARGUMENT;
     }
     return MK_OK;
 }
@@ -42,7 +48,7 @@ mk_status_t MK_F(mk_monitor_start)(int m, int places, int window, const MK_F_T(m
     memset(view->core, 0, sizeof *view->core);
     memset(view->sensor, 0, (size_t)places * sizeof *view->sensor);
     memset(view->fault, 0, (size_t)N * sizeof *view->fault);
-    memset(view->I, 0, (size_t)((window + 1) * MK_AT(N, 0)) * sizeof *view->I);
+    memset(view->information, 0, (size_t)((window + 1) * MK_AT(N, 0)) * sizeof *view->information);
     memset(view->v, 0, (size_t)((window + 1) * N) * sizeof *view->v);
     memset(view->seen, 0, (size_t)window * sizeof *view->seen);
     view->core->config = config;
@@ -97,14 +103,11 @@ static mk_status_t MK_F(mk_monitor_arguments)(const MK_F_T(mk_monitor_config) * 
     return MK_OK;
 }
 
-/* z := innovations of one sensor of the reading, with unit variance. Returns 1, or 0 if their covariance is not positive definite. */
-static int MK_F(mk_monitor_whiten)(const mk_reading_t *reading, int k, const MK_REAL *r, const MK_REAL *S, MK_REAL *work, MK_REAL *z) {
+/* Packed covariance of one sensor of the reading. */
+static void MK_F(mk_monitor_block)(const mk_reading_t *reading, int k, const MK_REAL *S, MK_REAL *block) {
     const int rows = reading->sensor[k].rows, from = reading->sensor[k].from;
-    for (int i = 0; i < rows; i++) {
-        z[i] = r[from + i];
-        for (int j = 0; j <= i; j++) work[MK_AT(i, j)] = S[MK_AT(from + i, from + j)];
-    }
-    return MK_F(mk_whiten)(0, rows, work, 0, z);
+    for (int i = 0; i < rows; i++)
+        for (int j = 0; j <= i; j++) block[MK_AT(i, j)] = S[MK_AT(from + i, from + j)];
 }
 
 /* Z := S^-1 and v := S^-1 r of the rows that count, q := r' S^-1 r. Behind those rows in v: the innovations of sensors held faulty, with unit
@@ -113,10 +116,13 @@ static mk_status_t MK_F(mk_monitor_inform)(const mk_reading_t *reading, const MK
                                            MK_REAL *Z, MK_REAL *v, MK_REAL *q, MK_REAL *spare, int *failed) {
     MK_REAL *z = v + reading->rows;
     for (int k = 0; k < reading->sensors; k++) {
+        const int rows = reading->sensor[k].rows;
         if (!sensor[reading->sensor[k].place].faulty) continue;
         *failed = reading->sensor[k].index;
-        if (!MK_F(mk_monitor_whiten)(reading, k, r, S, Z, z)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
-        z += reading->sensor[k].rows;
+        MK_F(mk_monitor_block)(reading, k, S, Z);
+        for (int i = 0; i < rows; i++) z[i] = r[reading->sensor[k].from + i];
+        if (!MK_F(mk_whiten)(0, rows, Z, 0, z)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+        z += rows;
     }
     const int n = reading->rows;
     for (int i = 0; i < n; i++) {
@@ -137,8 +143,7 @@ static mk_status_t MK_F(mk_monitor_inform)(const mk_reading_t *reading, const MK
 
 /* Test ratio. */
 static MK_REAL MK_F(mk_monitor_ratio)(const MK_F_T(mk_monitor_config) * config, int rows, MK_REAL q) {
-    const MK_REAL ratio = rows ? q / config->threshold[rows - 1] : MK_R(0.0);
-    return ratio <= MK_LARGEST ? ratio : MK_LARGEST;
+    return rows ? MK_F(mk_monitor_limit)(q / config->threshold[rows - 1]) : MK_R(0.0);
 }
 
 static uint8_t MK_F(mk_monitor_refuses)(const MK_F_T(mk_monitor_config) * config, int rows, MK_REAL q) {
@@ -160,46 +165,57 @@ static void MK_F(mk_monitor_improve)(const MK_F_T(mk_monitor_view) * view, int b
     if (!by_aime || !core->alarm || core->epoch - core->alarm_since < 2 || !(core->rho - core->median > core->config->jump)) return;
     core->ended = 1;
     core->ends++;
+    core->alarm = 0;
     core->quiet = core->config->window;
     MK_F(mk_monitor_empty)(view);
 }
 
-/* What is known of the ends of faults: z, innovations of unit variance of the sensors held faulty. */
+/* Which faults are over. z: innovations of unit variance of the sensors held faulty, in the order of the reading. */
 static void MK_F(mk_monitor_end)(const MK_F_T(mk_monitor_view) * view, const mk_reading_t *reading, const MK_REAL *z) {
     MK_F_T(mk_monitor) *const core = view->core;
+    const MK_F_T(mk_monitor_config) *const config = core->config;
+    uint32_t read = 0;
     for (int k = 0; k < reading->sensors; k++) {
         const int place = reading->sensor[k].place, rows = reading->sensor[k].rows;
-        MK_F_T(mk_watched) *const sensor = view->sensor + place;
-        if (!sensor->faulty) continue;
-        const MK_REAL gained = MK_F(mk_fault_follow)(rows, z, view->fault + place * core->config->m) / core->config->evidence;
-        sensor->ratio = sensor->ratio + gained > MK_R(0.0) ? sensor->ratio + gained : MK_R(0.0);
+        if (!view->sensor[place].faulty) continue;
+        read |= UINT32_C(1) << place;
+        if (MK_F(mk_fault_over)(config, z, view->sensor + place, view->fault + place * config->m)) {
+            MK_F(mk_monitor_mend)(view, place);
+            core->ended = 1;
+            core->ends++;
+        }
         z += rows;
-        if (!(sensor->ratio > MK_R(1.0))) continue;
-        MK_F(mk_monitor_mend)(view, place);
-        core->ended = 1;
-        core->ends++;
+    }
+    for (int p = 0; p < config->places; p++) {
+        if (read >> p & 1u) continue;
+        if (view->sensor[p].faulty && view->sensor[p].begun) MK_F(mk_fault_predict)(config, config->m, view->fault + p * config->m);
+        if (!view->sensor[p].faulty) view->sensor[p].ratio = MK_R(0.0);
     }
 }
 
-/* This sensor is held faulty from here on. z: its innovations with unit variance; rows 0: it was not read. */
-static void MK_F(mk_monitor_hold)(const MK_F_T(mk_monitor_view) * view, int place, int rows, const MK_REAL *z) {
+/* This sensor is held faulty from here on, with these offsets in units of standard deviations; rows 0: they are not known, as it was not read. */
+static void MK_F(mk_monitor_hold)(const MK_F_T(mk_monitor_view) * view, int place, int rows, const MK_REAL *level) {
     MK_F_T(mk_watched) *const sensor = view->sensor + place;
     const int m = view->core->config->m;
+    MK_F_T(mk_fault) *const fault = view->fault + place * m;
     sensor->faulty = 1;
-    sensor->ratio = MK_R(0.0);
+    sensor->begun = rows > 0;
+    sensor->evidence = sensor->ratio = MK_R(0.0);
+    sensor->speaking = sensor->counted = 0;
     sensor->since = view->core->epoch;
     sensor->faults++;
     view->core->faulty++;
-    memset(view->fault + place * m, 0, (size_t)m * sizeof *view->fault);
-    MK_F(mk_fault_begin)(rows, z, view->fault + place * m);
+    memset(fault, 0, (size_t)m * sizeof *fault);
+    MK_F(mk_fault_begin)(view->core->config->window, m, rows, level, fault);
 }
 
-/* In alarm: who is it. I, v: sums over the window, spoilt; rows: what it holds. work: a packed matrix and a vector. */
-static void MK_F(mk_monitor_exclude)(const MK_F_T(mk_monitor_view) * view, const mk_reading_t *reading, uint32_t rows, const MK_REAL *r,
-                                     const MK_REAL *S, MK_REAL *I, MK_REAL *v, MK_REAL *work) {
+/* In alarm: who is it. I, v: sums over the window, spoilt; rows: what it holds. work: a packed matrix and two vectors. */
+static void MK_F(mk_monitor_exclude)(const MK_F_T(mk_monitor_view) * view, const mk_reading_t *reading, uint32_t rows, const MK_REAL *S, MK_REAL *I,
+                                     MK_REAL *v, MK_REAL *b, MK_REAL *work) {
     MK_F_T(mk_monitor) *const core = view->core;
     const MK_F_T(mk_monitor_config) *const config = core->config;
-    const uint32_t suspects = MK_F(mk_monitor_isolate)(config, config->most - core->faulty, rows, core->aime, I, v, work);
+    const int m = config->m;
+    const uint32_t suspects = MK_F(mk_monitor_isolate)(config, config->most - core->faulty, rows, core->aime, I, v, b, work);
     core->unresolved = suspects == 0;
     if (!suspects) return;
     for (int p = 0; p < config->places; p++) {
@@ -208,16 +224,18 @@ static void MK_F(mk_monitor_exclude)(const MK_F_T(mk_monitor_view) * view, const
         for (int k = 0; k < reading->sensors; k++) {
             if (reading->sensor[k].place != p) continue;
             count = reading->sensor[k].rows;
-            (void)MK_F(mk_monitor_whiten)(reading, k, r, S, I, work); /* part of what has been factored */
+            MK_F(mk_monitor_block)(reading, k, S, work);
+            (void)MK_F(mk_whiten)(0, count, work, 0, b + p * m); /* a part of what has been factored above */
         }
-        MK_F(mk_monitor_hold)(view, p, count, work);
+        MK_F(mk_monitor_hold)(view, p, count, b + p * m);
     }
     MK_F(mk_monitor_empty)(view);
 }
 
-/* What is said of the epoch, and what follows from it. z: of sensors held faulty; I, v: sums over the window of the rows `held`, spoilt. */
-static void MK_F(mk_monitor_decide)(const MK_F_T(mk_monitor_view) * view, const mk_reading_t *reading, const MK_REAL *r, const MK_REAL *S, int by_aime,
-                                    uint32_t held, const MK_REAL *z, MK_REAL *I, MK_REAL *v, MK_REAL *work) {
+/* What is said of the epoch, and what follows from it. z: of sensors held faulty; I, v: sums over the window of the rows `held`, spoilt. b, work:
+   a vector; a packed matrix and a vector. */
+static void MK_F(mk_monitor_decide)(const MK_F_T(mk_monitor_view) * view, const mk_reading_t *reading, const MK_REAL *S, int by_aime, uint32_t held,
+                                    const MK_REAL *z, MK_REAL *I, MK_REAL *v, MK_REAL *b, MK_REAL *work) {
     MK_F_T(mk_monitor) *const core = view->core;
     const MK_F_T(mk_monitor_config) *const config = core->config;
     const int was = core->alarm, by_rctm = config->scheme == MK_MONITOR_RCTM || !by_aime;
@@ -234,7 +252,7 @@ static void MK_F(mk_monitor_decide)(const MK_F_T(mk_monitor_view) * view, const 
     if (config->scheme == MK_MONITOR_IMPROVED) MK_F(mk_monitor_improve)(view, by_aime);
     if (config->scheme == MK_MONITOR_EXCLUDE) {
         MK_F(mk_monitor_end)(view, reading, z);
-        if (core->alarm) MK_F(mk_monitor_exclude)(view, reading, held, r, S, I, v, work);
+        if (core->alarm) MK_F(mk_monitor_exclude)(view, reading, held, S, I, v, b, work);
     }
 }
 
@@ -244,7 +262,7 @@ mk_status_t MK_F(mk_monitor_watch)(const MK_F_T(mk_monitor_view) * view, int sen
     const MK_F_T(mk_monitor_config) *const config = core->config;
     if (!config) return MK_ERROR_ORDER;
     const int N = config->m * config->places, packed = MK_AT(N, 0), window = config->window, by_aime = !core->quiet;
-    MK_REAL *const Z = view->work, *const I = Z + packed, *const work = I + packed, *const v_new = work + packed + N, *const v = v_new + N;
+    MK_REAL *const Z = view->work, *const I = Z + packed, *const work = I + packed, *const v_new = work + packed + N, *const v = v_new + N, *const b = v + N;
     MK_REAL q_R = MK_R(0.0), q_A = MK_R(0.0);
     mk_reading_t reading;
     int failed = 0;
@@ -259,9 +277,9 @@ mk_status_t MK_F(mk_monitor_watch)(const MK_F_T(mk_monitor_view) * view, int sen
         core->rejected++;
         return status;
     }
-    const MK_REAL *const I_older = MK_F(mk_monitor_older)(view, view->I, packed), *const v_older = MK_F(mk_monitor_older)(view, view->v, N);
+    const MK_REAL *const I_older = MK_F(mk_monitor_older)(view, view->information, packed), *const v_older = MK_F(mk_monitor_older)(view, view->v, N);
     const uint32_t held = by_aime ? reading.seen | reading.remaining : 0;
-    for (int i = 0; i < packed; i++) I[i] = core->back ? view->I[window * packed + i] : MK_R(0.0);
+    for (int i = 0; i < packed; i++) I[i] = core->back ? view->information[window * packed + i] : MK_R(0.0);
     for (int i = 0; i < N; i++) v[i] = core->back ? view->v[window * N + i] : MK_R(0.0);
     MK_F(mk_monitor_add)(&reading, Z, v_new, I, v);
     const int window_rows = MK_F(mk_monitor_statistic)(held, I, v, I_older, v_older, work, &q_A);
@@ -282,7 +300,7 @@ mk_status_t MK_F(mk_monitor_watch)(const MK_F_T(mk_monitor_view) * view, int sen
         MK_F(mk_row_sum)(packed, I_older, I);
         MK_F(mk_row_sum)(N, v_older, v);
     }
-    MK_F(mk_monitor_decide)(view, &reading, r, S, by_aime, held, v_new + reading.rows, I, v, work);
+    MK_F(mk_monitor_decide)(view, &reading, S, by_aime, held, v_new + reading.rows, I, v, b, work);
     MK_F(mk_monitor_turn)(view);
     return MK_OK;
 }

@@ -38,6 +38,8 @@ static int MK_F(mk_monitor_factor)(uint32_t set, const MK_REAL *A, const MK_REAL
     return good;
 }
 
+static MK_REAL MK_F(mk_monitor_limit)(MK_REAL ratio) { return ratio <= MK_LARGEST ? ratio : MK_LARGEST; }
+
 /* e' S^-1 e, L being the factor of S; e := L^-1 e. */
 static MK_REAL MK_F(mk_monitor_square)(int n, const MK_REAL *L, MK_REAL *e) {
     MK_REAL sum = MK_R(0.0);
@@ -74,13 +76,13 @@ static void MK_F(mk_monitor_push)(const MK_F_T(mk_monitor_view) * view, const mk
                                   const MK_REAL *I_sum, const MK_REAL *v_sum) {
     MK_F_T(mk_monitor) *const core = view->core;
     const int window = core->config->window, N = core->config->m * core->config->places, packed = MK_AT(N, 0);
-    MK_REAL *const I_new = view->I + core->back * packed, *const v_new = view->v + core->back * N;
+    MK_REAL *const I_new = view->information + core->back * packed, *const v_new = view->v + core->back * N;
     if (core->front + core->back == window) core->front--;
     for (int i = 0; i < packed; i++) I_new[i] = MK_R(0.0);
     for (int i = 0; i < N; i++) v_new[i] = MK_R(0.0);
     MK_F(mk_monitor_add)(reading, Z, v, I_new, v_new);
     view->seen[core->back++] = reading->seen;
-    MK_F(mk_row_copy)(packed, I_sum, view->I + window * packed);
+    MK_F(mk_row_copy)(packed, I_sum, view->information + window * packed);
     MK_F(mk_row_copy)(N, v_sum, view->v + window * N);
     core->held = (uint16_t)(core->front + core->back);
 }
@@ -91,7 +93,7 @@ static void MK_F(mk_monitor_turn)(const MK_F_T(mk_monitor_view) * view) {
     const int window = core->config->window, N = core->config->m * core->config->places, packed = MK_AT(N, 0);
     if (core->back < window) return;
     for (int i = window - 2; i > 0; i--) {
-        MK_F(mk_row_sum)(packed, view->I + (i + 1) * packed, view->I + i * packed);
+        MK_F(mk_row_sum)(packed, view->information + (i + 1) * packed, view->information + i * packed);
         MK_F(mk_row_sum)(N, view->v + (i + 1) * N, view->v + i * N);
     }
     core->front = core->back;

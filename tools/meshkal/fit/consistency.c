@@ -127,7 +127,7 @@ int mk_consistency_make(mk_consistency_t *result, const mk_source_t *source, con
     double *schedule;
     int good = mk_filter_tolerances(filter, s, tolerance, source->steps, &topology, mk_cores(), local, &schedule, error);
     if (good) {
-        void *net = mk_network_f64.open(s, &topology, local, 0, mk_cores());
+        void *net = mk_network_f64.open(s, &topology, local, 0, NULL, mk_cores());
         good = run(&mk_network_f64, net, &topology, source, filter->central, nees, nis, rows, error);
         mk_network_f64.close(net);
     }

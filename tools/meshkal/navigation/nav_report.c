@@ -190,7 +190,7 @@ void mk_nav_report_foot(FILE *out, const mk_nav_campaign_t *c, const mk_nav_resu
     (void)fputs("\n", out);
     json_array_foreach(notes, i, note) (void)fprintf(out, "%s\n", json_string_value(note));
     if (!c->facts.drawn)
-        (void)fprintf(out, "%ld pseudoranges in %.6g s, %d to %d an epoch at least; longest interval of samples %.3g s, mean %.3g s; %ld epochs have some truth\n",
+        (void)fprintf(out, "%ld pseudoranges in %.6g s, of %d of %d satellites in the poorest epoch; longest interval of samples %.3g s, mean %.3g s; %ld epochs have some truth\n",
                       c->facts.readings, c->facts.last_s - c->facts.start_s, c->facts.fewest, c->scenario->nodes, c->facts.gap_s, c->facts.interval_s,
                       c->facts.with_truth);
     if (last->interrupted) (void)fprintf(out, "interrupted: the figures are of the runs that were complete, %d of %d\n", last->statistics.runs, c->runs);

@@ -206,8 +206,14 @@ static int run_logged(mk_running_t *r, mk_error_t *error) {
 /* About the bytes of a run's log. */
 static double log_bytes(const mk_running_t *r, int estimators) {
     const mk_scenario_t *s = r->c->scenario;
-    const double numbers = r->source->row_first[s->nodes] + (double)estimators * (s->n + MK_PACKED(s->position_count) + 7);
-    return r->c->steps * (8.0 * numbers + 2.0 * s->first[s->nodes]);
+    const int monitor = r->c->monitor.scheme != MK_MONITOR_NONE;
+    const double numbers = (1 + (s->faults > 0)) * r->source->row_first[s->nodes] + (double)estimators * (s->n + MK_PACKED(s->position_count) + 7 + 6 * monitor);
+    return r->c->steps * (8.0 * numbers + (2.0 + 17.0 * monitor) * s->first[s->nodes]);
+}
+
+static void open_record(const mk_campaign_t *c, mk_record_t *record) {
+    const size_t alerts = c->monitor.scheme == MK_MONITOR_NONE ? 0 : mk_alerts_numbers(c->scenario);
+    mk_record_open(record, c->scenario->n, c->steps, c->filter->central ? 1 : c->scenario->nodes, c->scenario->faults ? MK_PHASES : 0, alerts);
 }
 
 static void open_runners(mk_running_t *r) {
@@ -224,7 +230,7 @@ static void open_runners(mk_running_t *r) {
     r->runner = mk_allocate((size_t)r->workers, sizeof *r->runner);
     r->outcome = mk_allocate((size_t)outcomes, sizeof *r->outcome);
     r->record = mk_allocate((size_t)outcomes, sizeof *r->record);
-    for (int i = 0; i < outcomes; i++) mk_record_open(&r->record[i], c->scenario->n, c->steps, E);
+    for (int i = 0; i < outcomes; i++) open_record(c, &r->record[i]);
     for (int i = 0; i < r->workers; i++)
         mk_runner_open(&r->runner[i], c, r->source, r->sharing, &r->topology, r->tolerance, r->schedule, c->threads / r->workers);
     if (c->log_path && alone && r->workers * r->team->ranks > 1) r->part = mk_allocate((size_t)outcomes, sizeof *r->part);
@@ -256,6 +262,23 @@ static int find_tolerances(mk_running_t *r, mk_error_t *error) {
     return 0;
 }
 
+static int check_monitors(const mk_running_t *r, mk_error_t *error) {
+    const mk_campaign_t *c = r->c;
+    if (c->monitor.scheme == MK_MONITOR_NONE) return 1;
+    if (c->scenario->faults > MK_MOST_FOLLOWED)
+        return mk_fail(error, "--monitor: %d faults in the scenario; at most %d are followed", c->scenario->faults, MK_MOST_FOLLOWED);
+    for (int e = 0; e < r->topology.estimators; e++) {
+        const int rows = mk_monitor_rows(&r->topology, c->scenario, e), sensors = r->topology.first[e + 1] - r->topology.first[e];
+        if (rows <= MK_MONITOR_ROWS) continue;
+        if (c->filter->central)
+            return mk_fail(error, "--monitor: %s hears %d sensors of up to %d rows; a monitor takes %d rows: choose a distributed filter with --filter",
+                           c->filter->name, sensors, rows / sensors, MK_MONITOR_ROWS);
+        return mk_fail(error, "--monitor: node %d hears %d sensors of up to %d rows; a monitor takes %d rows: fewer links", mk_topology_id(&r->topology, e),
+                       sensors, rows / sensors, MK_MONITOR_ROWS);
+    }
+    return 1;
+}
+
 int mk_campaign_run(const mk_campaign_t *c, const mk_source_t *source, mk_team_t *team, mk_result_t *result, mk_error_t *error) {
     const mk_scenario_t *s = c->scenario;
     mk_running_t r;
@@ -274,9 +297,13 @@ int mk_campaign_run(const mk_campaign_t *c, const mk_source_t *source, mk_team_t
     else good = r.sharing->divide(r.sharing, s, c->network->real_size, &r.topology, error);
     if (!good) return MK_EXIT_INPUT;
     result->estimators = c->filter->central ? 1 : s->nodes;
-    mk_statistics_open(&result->statistics, s->n, c->steps, result->estimators);
+    mk_record_t like;
+    open_record(c, &like);
+    mk_statistics_open(&result->statistics, &like);
+    mk_record_close(&like);
     int status = MK_EXIT_INPUT;
-    if (find_tolerances(&r, error)) {
+    good = r.team->agree(r.team, check_monitors(&r, error), error);
+    if (good && find_tolerances(&r, error)) {
         open_runners(&r);
         status = run_logged(&r, error);
         close_runners(&r);

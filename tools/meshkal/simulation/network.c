@@ -9,6 +9,7 @@
 #include "design/sized.h"
 #include "design/steady.h"
 #include "parallel.h"
+#include "scenario_monitor.h"
 #include "scenario_read.h"
 
 /* Estimators that a thread takes at once. */
@@ -55,6 +56,10 @@ static int heard_of(const mk_topology_t *topology, int slot) {
     return origin >= 0 ? origin : topology->estimators - 1 - origin;
 }
 
+/* Who is in which slot of a monitor: its number. A monitor has no more places. */
+static const uint16_t slot_number[MK_MONITOR_ROWS] = {0,  1,  2,  3,  4,  5,  6,  7,  8,  9,  10, 11, 12, 13, 14, 15,
+                                                      16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31};
+
 /* In a function of its own gcc takes it for nothing and drops it. */
 #if defined __GNUC__
 #define PREFETCH(address) __builtin_prefetch(address)
@@ -73,6 +78,10 @@ static int heard_of(const mk_topology_t *topology, int slot) {
 #include <meshkal/real.h>
 #define MK_REAL_NAME "float64"
 #include "simulation/network.tmpl.h"
+
+int mk_monitor_rows(const mk_topology_t *topology, const mk_scenario_t *s, int e) {
+    return (topology->first[e + 1] - topology->first[e]) * mk_topology_rows(topology, s, e);
+}
 
 mk_snapshot_t mk_snapshot_make(const mk_network_t *network, int estimators, const mk_scenario_t *s) {
     const size_t count = (size_t)estimators, size = network->real_size;

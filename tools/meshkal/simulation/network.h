@@ -6,6 +6,7 @@
 
 #include "design/node_config.h"
 #include "exact_sum.h"
+#include "host_monitor.h"
 
 /* What the nodes say of a step, in the network's precision: E numbers each; the estimate E x n; of V the block of the p position states,
    packed, E x p (p + 1) / 2. */
@@ -25,14 +26,16 @@ typedef struct {
     size_t real_size;
     const char *name;
     /* threads: how many work on it at once. frozen > 0: estimators that have a limit freeze their gain that close to it (design/steady.h).
-       topology and tolerance stay the caller's. */
-    void *(*open)(const mk_scenario_t *scenario, const mk_topology_t *topology, const double *tolerance, double frozen, int threads);
+       monitor: of every estimator, which then has at most MK_MONITOR_ROWS rows (mk_monitor_rows); null or scheme MK_MONITOR_NONE: none. topology
+       and tolerance stay the caller's. */
+    void *(*open)(const mk_scenario_t *scenario, const mk_topology_t *topology, const double *tolerance, double frozen,
+                  const mk_monitor_settings_t *monitor, int threads);
     void (*close)(void *network);
     /* All nodes to x0, P0. */
     mk_status_t (*start)(void *network, int *bad);
     mk_status_t (*set_tolerance)(void *network, const double *tolerance, int *bad);
     /* Steps of the estimators begin .. end - 1. arrived, a byte for each slot: in, whether the link works; out, whether a reading was there
-       as well. y: rows of all nodes one after another from row_first[k], NaN in the first row: no reading. */
+       as well; a monitor may then leave it out. y: rows of all nodes one after another from row_first[k], NaN in the first row: no reading. */
     mk_status_t (*incremental)(void *network, int begin, int end, const double *y, const int *row_first, uint8_t *arrived, int *bad);
     /* arrived may be null: no estimates are exchanged. halo: psi of the topology's halo. */
     mk_status_t (*diffuse)(void *network, int begin, int end, uint8_t *arrived, const void *halo, int *bad);
@@ -45,11 +48,17 @@ typedef struct {
     /* Before a step: estimate and covariances. After it: the rest. */
     void (*look_before)(void *network, mk_snapshot_t *snapshot);
     void (*look_after)(void *network, mk_snapshot_t *snapshot);
+    /* After `incremental`, with a monitor: what those of the estimators begin .. end - 1 said of this step; each slot by its place in the
+       topology. Several threads may do this at once. rejected, one an estimator: epochs that the monitor could not take, since `start`. */
+    void (*look_monitor)(void *network, int begin, int end, mk_monitor_snapshot_t *snapshot, uint32_t *rejected);
     /* Adds what the last step of these estimators has found to MK_FINDINGS sums. */
     void (*add)(void *network, int begin, int end, mk_exact_t *sums);
 } mk_network_t;
 
 extern const mk_network_t mk_network_f32, mk_network_f64;
+
+/* Rows of the monitor of estimator e. */
+int mk_monitor_rows(const mk_topology_t *topology, const mk_scenario_t *scenario, int e);
 
 mk_snapshot_t mk_snapshot_make(const mk_network_t *network, int estimators, const mk_scenario_t *scenario);
 void mk_snapshot_free(mk_snapshot_t *snapshot);

@@ -20,6 +20,7 @@ typedef struct {
     MK_REAL *steady_room;
     size_t *steady_first;
     double close;
+    MK_F_T(mk_host_monitor) **monitor; /* of every estimator; null: none */
     /* Of each thread: scratch of the kernels, y, psi; have_y, have_psi. */
     MK_REAL *scratch;
     uint8_t *flags;
@@ -105,11 +106,12 @@ static void MK_F(allocate)(MK_F_T(network) * net) {
     size_t all = 0;
     for (int e = 0; e < net->estimators; e++) {
         const size_t slots = (size_t)(net->topology->first[e + 1] - net->topology->first[e]), m = (size_t)MK_F(most_rows)(net, e);
-        const size_t own = MK_CONFIG_NUMBERS(n, m, slots), work = MK_RKFD_WORK(n, m);
+        const size_t own = MK_CONFIG_NUMBERS(n, m, slots), work = MK_RKFD_WORK(n, m), innovations = MK_RKFD_INNOVATIONS_WORK(n, m);
         all += own;
         if (own > net->room_size) net->room_size = own;
         if (slots > net->most_slots) net->most_slots = slots;
         if (work > net->work_size) net->work_size = work;
+        if (innovations > net->work_size) net->work_size = innovations;
         if (slots * m > net->y_size) net->y_size = slots * m;
     }
     net->scratch_size = net->work_size + net->y_size + net->most_slots * n;
@@ -156,7 +158,8 @@ static void MK_F(make_steady)(MK_F_T(network) * net) {
     mk_parallel(net->threads, net->estimators, MK_F(put_steady), net);
 }
 
-static void *MK_F(open)(const mk_scenario_t *s, const mk_topology_t *topology, const double *tolerance, double frozen, int threads) {
+static void *MK_F(open)(const mk_scenario_t *s, const mk_topology_t *topology, const double *tolerance, double frozen,
+                        const mk_monitor_settings_t *monitor, int threads) {
     const size_t n = (size_t)s->n, E = (size_t)topology->estimators;
     const int sensors = sensors_of(topology, s);
     MK_F_T(network) *net = mk_allocate(1, sizeof *net);
@@ -185,11 +188,17 @@ static void *MK_F(open)(const mk_scenario_t *s, const mk_topology_t *topology, c
     net->close = frozen;
     if (frozen > 0.0) MK_F(make_steady)(net);
     MK_F(allocate)(net);
+    if (!monitor || monitor->scheme == MK_MONITOR_NONE) return net;
+    net->monitor = mk_allocate(E, sizeof(MK_F_T(mk_host_monitor) *));
+    for (int e = 0; e < net->estimators; e++)
+        net->monitor[e] = MK_F(mk_host_monitor_open)(monitor, MK_F(most_rows)(net, e), topology->first[e + 1] - topology->first[e]);
     return net;
 }
 
 static void MK_F(close)(void *network) {
     MK_F_T(network) *net = network;
+    for (int e = 0; net->monitor && e < net->estimators; e++) free(net->monitor[e]);
+    free(net->monitor);
     free(net->model);
     free(net->core);
     free(net->x);
@@ -228,8 +237,20 @@ static mk_status_t MK_F(start_one)(MK_F_T(network) * net, int worker, int e) {
     const MK_F_T(mk_rkfd_config) *config = MK_F(configuration)(net, worker, e);
     MK_F_T(mk_rkfd_view) view = MK_F(view)(net, worker, e);
     (void)MK_F(configure_weights)(net, worker, e);
+    if (net->monitor) MK_F(mk_host_monitor_start)(net->monitor[e]);
     view.psi = view.y + net->y_size; /* all slots, which start clears */
     return MK_F(mk_rkfd_start)(config->n, config->m, config->slots, &view, config);
+}
+
+/* What name_watch of meshkal/monitor.h does. What the monitor cannot take it counts; the step says itself whether it is possible. */
+static void MK_F(watch)(MK_F_T(network) * net, const MK_F_T(mk_rkfd_config) * config, const MK_F_T(mk_rkfd_view) * view, int e) {
+    MK_F_T(mk_host_monitor) *const monitor = net->monitor[e];
+    MK_REAL r[MK_MONITOR_ROWS], S[MK_PACKED(MK_MONITOR_ROWS)];
+    uint8_t rows[MK_MONITOR_ROWS];
+    if (MK_F(mk_rkfd_innovations)(config->n, config->m, config->slots, view, r, S, rows) == MK_OK)
+        (void)MK_F(mk_host_monitor_watch)(monitor, config->slots, slot_number, rows, r, S);
+    for (int l = 0; l < config->slots; l++)
+        if (MK_F(mk_monitor_faulty)(&monitor->view, slot_number[l])) (void)MK_F(mk_rkfd_drop)(view, l);
 }
 
 static mk_status_t MK_F(incremental_one)(const phase_t *phase, int worker, int e) {
@@ -248,6 +269,7 @@ static mk_status_t MK_F(incremental_one)(const phase_t *phase, int worker, int e
         const mk_status_t status = MK_F(mk_rkfd_put)(config->n, config->m, &view, l, values, 0);
         if (status != MK_OK) return status;
     }
+    if (net->monitor) MK_F(watch)(net, config, &view, e);
     return MK_F(mk_sized_incremental)(config->n, config->m, config->slots, &view);
 }
 
@@ -382,6 +404,15 @@ static void MK_F(look_after)(void *network, mk_snapshot_t *snapshot) {
     }
 }
 
+static void MK_F(look_monitor)(void *network, int begin, int end, mk_monitor_snapshot_t *snapshot, uint32_t *rejected) {
+    const MK_F_T(network) *net = network;
+    const int *first = net->topology->first;
+    for (int e = begin; e < end; e++) {
+        MK_F(mk_host_monitor_look)(net->monitor[e], slot_number, first[e + 1] - first[e], e, (size_t)first[e], snapshot);
+        rejected[e] = net->monitor[e]->view.core->rejected;
+    }
+}
+
 static void MK_F(add)(void *network, int begin, int end, mk_exact_t *sums) {
     const MK_F_T(network) *net = network;
     uint64_t rows = 0;
@@ -395,6 +426,6 @@ static void MK_F(add)(void *network, int begin, int end, mk_exact_t *sums) {
     mk_exact_add(&sums[MK_NIS_ROWS], (double)rows);
 }
 
-const mk_network_t MK_F(mk_network) = {
-    sizeof(MK_REAL), MK_REAL_NAME,       MK_F(open),     MK_F(close),       MK_F(start),      MK_F(set_tolerance), MK_F(incremental),
-    MK_F(diffuse),   MK_F(intermediate), MK_F(estimate), MK_F(nees), MK_F(look_before), MK_F(look_after), MK_F(add)};
+const mk_network_t MK_F(mk_network) = {sizeof(MK_REAL),     MK_REAL_NAME,      MK_F(open),         MK_F(close),      MK_F(start),
+                                       MK_F(set_tolerance), MK_F(incremental), MK_F(diffuse),      MK_F(intermediate), MK_F(estimate),
+                                       MK_F(nees),          MK_F(look_before), MK_F(look_after),   MK_F(look_monitor), MK_F(add)};

@@ -36,7 +36,7 @@ struct mk_node_records {
     /* Of the call. */
     const double *schedule, *y;
     const int *row_first;
-    const uint8_t *arrived;
+    const uint8_t *arrived, *excluded;
     int t, good;
     void (*phase)(mk_node_records_t *r, int k);
 };
@@ -155,12 +155,13 @@ mk_node_records_t *mk_node_records_open(const mk_campaign_t *c, const mk_topolog
 }
 
 int mk_node_records_incremental(mk_node_records_t *r, int t, const double *schedule, const double *y, const int *row_first, const uint8_t *arrived,
-                                void *network, int good, int *bad, mk_error_t *error) {
+                                const uint8_t *excluded, void *network, int good, int *bad, mk_error_t *error) {
     r->t = t;
     r->schedule = schedule;
     r->y = y;
     r->row_first = row_first;
     r->arrived = arrived;
+    r->excluded = excluded;
     r->good = good;
     r->c->network->intermediate(network, r->all, r->nodes, r->psi);
     return run_phase(r, is_f32(r) ? measure_f32 : measure_f64, bad, error) && run_phase(r, is_f32(r) ? increment_f32 : increment_f64, bad, error);

@@ -103,6 +103,8 @@ static void MK_F(increment)(mk_node_records_t *r, int k) {
     MK_F_T(recorded) *const one = MK_F(recorded_node)(r, k);
     const MK_F_T(mk_host_node) *const h = one->host;
     MK_F(hear)(r, k, MK_STAGE_MEASUREMENT);
+    for (int l = 0; l < h->slots && r->excluded; l++)
+        if (r->excluded[r->topology->first[k] + l]) (void)MK_F(mk_node_drop)(&h->view, l);
     (void)MK_F(mk_node_incremental)(h->n, h->m, h->slots, &h->view, NULL);
     if (r->good) MK_F(compare)(r, k, "psi", h->view.filter.psi, (const MK_REAL *)r->psi + (size_t)k * (size_t)h->n);
     one->length[1] = MK_F(mk_node_frame)(h->n, &h->view, MK_STAGE_ESTIMATE, one->frame[1]);

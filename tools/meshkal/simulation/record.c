@@ -8,11 +8,13 @@
 
 #include "error.h"
 
-void mk_record_open(mk_record_t *r, int n, int steps, int estimators) {
+void mk_record_open(mk_record_t *r, int n, int steps, int estimators, size_t phases, size_t alerts) {
     r->n = n;
     r->steps = steps;
     r->estimators = estimators;
-    r->count = 5 + (size_t)n + 2 * (size_t)steps + (size_t)estimators;
+    r->count = 5 + (size_t)n + 2 * (size_t)steps + (size_t)estimators + phases + alerts;
+    r->phases = phases;
+    r->alerts = alerts;
     r->value = mk_allocate(r->count, sizeof *r->value);
     r->steady = r->value;
     r->position_steady = r->steady + 1;
@@ -23,6 +25,8 @@ void mk_record_open(mk_record_t *r, int n, int steps, int estimators) {
     r->msd = r->state_square + n;
     r->position_msd = r->msd + steps;
     r->node_msd = r->position_msd + steps;
+    r->phase_msd = r->node_msd + estimators;
+    r->alert = r->phase_msd + phases;
 }
 
 void mk_record_close(mk_record_t *r) {
@@ -30,15 +34,16 @@ void mk_record_close(mk_record_t *r) {
     memset(r, 0, sizeof *r);
 }
 
-void mk_statistics_open(mk_statistics_t *s, int n, int steps, int estimators) {
-    s->runs = 0;
-    mk_record_open(&s->mean, n, steps, estimators);
-    mk_record_open(&s->squares, n, steps, estimators);
+void mk_statistics_open(mk_statistics_t *s, const mk_record_t *like) {
+    memset(s, 0, sizeof *s);
+    mk_record_open(&s->mean, like->n, like->steps, like->estimators, like->phases, like->alerts);
+    mk_record_open(&s->squares, like->n, like->steps, like->estimators, like->phases, like->alerts);
 }
 
 void mk_statistics_close(mk_statistics_t *s) {
     mk_record_close(&s->mean);
     mk_record_close(&s->squares);
+    free(s->alert);
 }
 
 void mk_welford(int runs, size_t count, const double *value, double *mean, double *squares) {
@@ -50,7 +55,15 @@ void mk_welford(int runs, size_t count, const double *value, double *mean, doubl
 }
 
 void mk_statistics_add(mk_statistics_t *s, const double *value) {
-    mk_welford(++s->runs, s->mean.count, value, s->mean.value, s->squares.value);
+    const size_t alerts = s->mean.alerts, before = s->mean.count - alerts;
+    if (alerts && s->runs == s->room) {
+        double *const more = mk_allocate((size_t)(s->room = 2 * s->room + 16) * alerts, sizeof *more);
+        if (s->runs) memcpy(more, s->alert, (size_t)s->runs * alerts * sizeof *more);
+        free(s->alert);
+        s->alert = more;
+    }
+    if (alerts) memcpy(s->alert + (size_t)s->runs * alerts, value + before, alerts * sizeof *value);
+    mk_welford(++s->runs, before, value, s->mean.value, s->squares.value);
 }
 
 void mk_statistics_finish(mk_statistics_t *s) {

@@ -16,9 +16,16 @@ typedef struct {
     double *state_square;                  /* each state, over all steps and estimators of which the truth is known */
     double *msd, *position_msd;            /* over time, mean over estimators */
     double *node_msd;                      /* steady, one an estimator */
+    /* Of a scenario with faults: MK_PHASES numbers, mean over steps and estimators of the squared deviation; of monitors: simulation/alerts.h. */
+    size_t phases, alerts;
+    double *phase_msd, *alert;
 } mk_record_t;
 
-void mk_record_open(mk_record_t *record, int n, int steps, int estimators);
+/* The second half of the steps before the first fault, until the last one is over, afterwards. */
+enum { MK_BEFORE, MK_DURING, MK_AFTER, MK_PHASES };
+
+/* phases: MK_PHASES or 0; alerts: numbers of monitors. */
+void mk_record_open(mk_record_t *record, int n, int steps, int estimators, size_t phases, size_t alerts);
 void mk_record_close(mk_record_t *record);
 
 /* Run number `runs`, from 1, into means and sums of squared differences from them (Welford): the same bits for the same runs in the same order. */
@@ -26,11 +33,13 @@ void mk_welford(int runs, size_t count, const double *value, double *mean, doubl
 
 /* Of mk_welford. */
 typedef struct {
-    int runs;
+    int runs, room;
     mk_record_t mean, squares;
+    double *alert; /* runs x alerts */
 } mk_statistics_t;
 
-void mk_statistics_open(mk_statistics_t *statistics, int n, int steps, int estimators);
+/* Dimensions as those of a record; alerts of all runs are kept one after another as well. */
+void mk_statistics_open(mk_statistics_t *statistics, const mk_record_t *like);
 void mk_statistics_close(mk_statistics_t *statistics);
 void mk_statistics_add(mk_statistics_t *statistics, const double *value);
 /* After the last run: half-widths of 95 % confidence intervals of the means (Student) in place of the squares; NaN for fewer than two runs. */

@@ -20,6 +20,8 @@ enum { CHUNK = 1024, WORTH_THREADS = 4 * CHUNK };
 /* Sums of one step, in their order. */
 enum { SQUARE, POSITION, FINDINGS, STEP_SUMS = FINDINGS + MK_FINDINGS };
 
+static int watches(const mk_runner_t *r) { return r->c->monitor.scheme != MK_MONITOR_NONE; }
+
 void mk_runner_open(mk_runner_t *r, const mk_campaign_t *c, const mk_source_t *source, mk_team_t *team, const mk_topology_t *topology,
                     const double *tolerance, const double *schedule, int threads) {
     const mk_scenario_t *s = c->scenario;
@@ -33,7 +35,8 @@ void mk_runner_open(mk_runner_t *r, const mk_campaign_t *c, const mk_source_t *s
     r->schedule = schedule;
     r->threads = topology->estimators < WORTH_THREADS ? 1 : threads;
     mk_stream_open(&r->stream, source, c->filter->central || team->ranks == 1 ? NULL : topology, team, s->nodes < WORTH_THREADS ? 1 : threads);
-    r->net = c->network->open(s, topology, tolerance, schedule ? 0.0 : c->frozen, threads);
+    r->net = c->network->open(s, topology, tolerance, schedule ? 0.0 : c->frozen, &c->monitor, threads);
+    if (watches(r)) mk_alerts_open(&r->alerts, s, topology, &c->monitor, c->network->real_size, r->total);
     if (c->log_path) r->snapshot = mk_snapshot_make(c->network, topology->estimators, s);
     r->slots = (size_t)topology->first[E];
     r->y_arrived = mk_allocate(2 * r->slots, 1);
@@ -58,6 +61,7 @@ void mk_runner_open(mk_runner_t *r, const mk_campaign_t *c, const mk_source_t *s
 }
 
 void mk_runner_close(mk_runner_t *r) {
+    if (watches(r)) mk_alerts_close(&r->alerts);
     mk_stream_close(&r->stream);
     r->c->network->close(r->net);
     if (r->c->log_path) mk_snapshot_free(&r->snapshot);
@@ -154,6 +158,13 @@ static void take_some_findings(mk_runner_t *r, int run, int t, int worker, int b
     r->c->network->add(r->net, begin, end, sums_of(r, worker) + FINDINGS);
 }
 
+static void take_some_alerts(mk_runner_t *r, int run, int t, int worker, int begin, int end) {
+    (void)run;
+    (void)worker;
+    r->c->network->look_monitor(r->net, begin, end, &r->alerts.snapshot, r->alerts.rejected);
+    mk_alerts_take(&r->alerts, t, begin, end);
+}
+
 /* What every part has of an array over estimators, in the order of their numbers, where the log is written. */
 static const void *whole(mk_runner_t *r, const void *local, const int *first, size_t width) {
     if (!r->topology->id) return local;
@@ -171,10 +182,21 @@ static void log_uint32(mk_runner_t *r, mk_run_log_t *log, const char *key, const
     if (log) mk_log_uint32(log, key, all, (size_t)r->total);
 }
 
+/* Where the slots of each estimator begin, of all parts. */
+static const int *slots_of(const mk_runner_t *r) { return r->c->filter->central ? r->topology->first : r->c->scenario->first; }
+
 static void log_slots(mk_runner_t *r, mk_run_log_t *log, const char *key, const uint8_t *local) {
-    const mk_scenario_t *s = r->c->scenario;
-    const void *all = whole(r, local, r->c->filter->central ? r->topology->first : s->first, 1);
-    if (log) mk_log_uint8(log, key, all, r->c->filter->central ? r->slots : (size_t)s->first[s->nodes]);
+    const void *all = whole(r, local, slots_of(r), 1);
+    if (log) mk_log_uint8(log, key, all, (size_t)slots_of(r)[r->total]);
+}
+
+static void log_monitor(mk_runner_t *r, mk_run_log_t *log) {
+    mk_monitor_field_t field[MK_MONITOR_FIELDS];
+    const int fields = mk_monitor_fields(&r->alerts.snapshot, field);
+    for (int i = 0; i < fields; i++) {
+        const void *all = whole(r, field[i].values, field[i].per_slot ? slots_of(r) : NULL, field[i].width);
+        if (log) mk_log_field(log, &field[i], all, (size_t)(field[i].per_slot ? slots_of(r)[r->total] : r->total));
+    }
 }
 
 static void log_readings(mk_runner_t *r, mk_run_log_t *log) {
@@ -194,7 +216,9 @@ static void write_item(mk_runner_t *r, mk_run_log_t *log, int run, int t) {
     const mk_snapshot_t *seen = &r->snapshot;
     const size_t size = r->c->network->real_size;
     const int truth = r->source->has_truth, central = r->c->filter->central, positions = s->position_count;
-    if (log) mk_log_begin(log, run, t, 9 + 2 * truth + !central + (positions > 0) + (r->c->frozen > 0.0));
+    mk_monitor_field_t field[MK_MONITOR_FIELDS];
+    const int monitor = watches(r) ? mk_monitor_fields(&r->alerts.snapshot, field) : 0, fault = r->stream.fault != NULL;
+    if (log) mk_log_begin(log, run, t, 9 + 2 * truth + !central + (positions > 0) + (r->c->frozen > 0.0) + fault + monitor);
     if (truth && log) mk_log_reals(log, "truth", r->stream.x, 8, (size_t)s->n);
     log_readings(r, log);
     log_slots(r, log, "measurements_arrived", r->y_arrived);
@@ -212,6 +236,8 @@ static void write_item(mk_runner_t *r, mk_run_log_t *log, int run, int t) {
         const void *all = whole(r, seen->frozen, NULL, 1);
         if (log) mk_log_uint8(log, "frozen", all, (size_t)r->total);
     }
+    if (fault && log) mk_log_reals(log, "fault", r->stream.fault, 8, (size_t)r->source->row_first[s->nodes]);
+    if (monitor) log_monitor(r, log);
     if (log) mk_log_end(log);
 }
 
@@ -267,8 +293,8 @@ static void record_stage(mk_runner_t *r, int t, mk_exchange_t stage, int good, m
     mk_error_t trouble;
     int bad = 0;
     const int recorded = stage == MK_EXCHANGE_READINGS
-                             ? mk_node_records_incremental(r->records, t, schedule, r->stream.y, r->source->row_first, r->y_arrived, r->net, good, &bad,
-                                                           &trouble)
+                             ? mk_node_records_incremental(r->records, t, schedule, r->stream.y, r->source->row_first, r->y_arrived,
+                                                           watches(r) ? r->alerts.snapshot.excluded : NULL, r->net, good, &bad, &trouble)
                              : mk_node_records_diffuse(r->records, t, r->psi_arrived, r->net, good, &bad, &trouble);
     if (!recorded && is_first(r, t, PHASE_RECORD, bad)) *error = trouble;
 }
@@ -299,6 +325,7 @@ static void step_network(mk_runner_t *r, int run, int t, mk_error_t *error) {
         status = network->incremental(r->net, inner, E, y, rows, r->y_arrived, bad);
         good = check(r, run, t, PHASE_INCREMENTAL, status, error) && good;
     }
+    if (watches(r)) for_all(r, run, t, take_some_alerts);
     const int records = r->records && run == 0 && begun;
     if (records) record_stage(r, t, MK_EXCHANGE_READINGS, good, error);
     network->intermediate(r->net, topology->send_estimator, topology->sends, r->send);
@@ -343,6 +370,22 @@ static mk_run_state_t add_up(mk_runner_t *r, mk_record_t *record) {
     return state;
 }
 
+/* Means before, during and after the faults. */
+static void split_msd(const mk_runner_t *r, mk_record_t *record) {
+    const mk_scenario_t *s = r->c->scenario;
+    const double begin = mk_faults_begin(s), end = mk_faults_end(s);
+    double steps[MK_PHASES] = {0.0};
+    /* The last step before the faults. */
+    const int last = begin < 0.0 ? -1 : begin < r->c->steps * s->dt_s ? (int)floor(begin / s->dt_s) : r->c->steps - 1;
+    for (int t = last > 0 ? (last + 1) / 2 : 0; t < r->c->steps; t++) {
+        const double t_s = t * s->dt_s;
+        const int phase = t_s <= begin ? MK_BEFORE : t_s <= end ? MK_DURING : MK_AFTER;
+        record->phase_msd[phase] += record->msd[t];
+        steps[phase] += 1.0;
+    }
+    for (int i = 0; i < MK_PHASES; i++) record->phase_msd[i] /= steps[i]; /* NaN where there is none */
+}
+
 /* What every estimator has summed for itself. */
 static void finish_record(mk_runner_t *r, mk_record_t *record) {
     const size_t n = (size_t)r->c->scenario->n, E = (size_t)r->topology->estimators;
@@ -358,6 +401,8 @@ static void finish_record(mk_runner_t *r, mk_record_t *record) {
     for (size_t i = 0; i < n; i++)
         record->state_square[i] = r->state_known[i] > 0.0 ? mk_exact_value(&r->sums[i]) / (r->state_known[i] * r->total) : (double)NAN;
     memset(r->sums, 0, n * sizeof *r->sums);
+    if (record->phases) split_msd(r, record);
+    if (watches(r)) mk_alerts_finish(&r->alerts, r->team, r->total, record->alert);
 }
 
 typedef struct {
@@ -407,6 +452,7 @@ mk_run_state_t mk_runner_run(mk_runner_t *r, int run, mk_record_t *record, mk_ru
     memset(r->node_square, 0, (E + n) * sizeof *r->node_square); /* and state_known */
     memset(record->value, 0, record->count * sizeof *record->value);
     memset(error, 0, sizeof *error);
+    if (watches(r)) mk_alerts_start(&r->alerts);
     const mk_status_t status = c->network->start(r->net, &r->bad);
     (void)check(r, run, 0, PHASE_START, status, error);
     for (int t = 0; t < c->steps && state == MK_RUN_DONE; t++) {

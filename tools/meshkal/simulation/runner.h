@@ -3,6 +3,7 @@
 #ifndef MESHKAL_RUNNER_H
 #define MESHKAL_RUNNER_H
 
+#include "simulation/alerts.h"
 #include "simulation/campaign.h"
 #include "simulation/node_records.h"
 
@@ -17,6 +18,7 @@ typedef struct {
     mk_node_records_t *records;    /* of the first run; null: none */
     const double *schedule;        /* tolerances of each step, estimators of the part; null: as they were given */
     mk_stream_t stream;
+    mk_alerts_t alerts; /* with a monitor */
     void *net;
     mk_snapshot_t snapshot;
     size_t slots;

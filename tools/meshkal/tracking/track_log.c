@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "scenario_faults.h"
+
 static int distributed(const mk_track_setting_t *setting) { return setting->filter->kind != MK_TRACK_CENTRAL; }
 static int informs(const mk_track_setting_t *setting) { return setting->filter->kind == MK_TRACK_INFORMATION; }
 static int robust(const mk_track_setting_t *setting) { return setting->filter->kind == MK_TRACK_EXTENDED; }
@@ -78,6 +80,11 @@ static void put_readings(mk_run_log_t *log, const mk_scenario_t *s, const mk_ins
     mk_log_reals(log, "measurements", work, 8, (size_t)rows);
     mk_log_uint8(log, "measuring", flags, (size_t)s->nodes);
     mk_log_uint8(log, "faulty", faults, (size_t)s->nodes);
+    if (!s->faults) return;
+    memset(work, 0, (size_t)rows * sizeof *work);
+    next = work;
+    for (int k = 0; k < s->nodes; next += s->sensor[k++].rows) (void)mk_faults_add(s, k, instant->t, next);
+    mk_log_reals(log, "fault", work, 8, (size_t)rows);
 }
 
 /* MK_FAULT_ bits, as the linear filters have them. */
@@ -123,7 +130,8 @@ void mk_track_log_item(mk_run_log_t *log, const mk_track_campaign_t *c, const mk
     const size_t E = (size_t)setting->topology.estimators, slots = (size_t)setting->topology.first[E];
     const int truth = c->facts.has_truth;
     float *const single = (float *)(void *)(work + half_room(setting));
-    mk_log_begin(log, run, step, 13 + 3 * truth + (s->position_count > 0) + 3 * distributed(setting) + informs(setting) + 2 * robust(setting));
+    mk_log_begin(log, run, step, 13 + 3 * truth + (s->position_count > 0) + 3 * distributed(setting) + informs(setting) + 2 * robust(setting) +
+                               (s->faults > 0));
     mk_log_reals(log, "time_s", &instant->t, 8, 1);
     if (truth) mk_log_reals(log, "truth", instant->x, 8, (size_t)s->n);
     put_readings(log, s, instant, work);
