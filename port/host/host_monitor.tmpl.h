@@ -34,8 +34,8 @@ MK_F_T(mk_host_monitor) * MK_F(mk_host_monitor_open)(const mk_monitor_settings_t
     h->view.core = &head->core;
     h->view.sensor = sensor;
     h->view.fault = fault;
-    h->view.I = back + m;
-    h->view.v = h->view.I + (window + 1) * MK_PACKED(N);
+    h->view.information = back + m;
+    h->view.v = h->view.information + (window + 1) * MK_PACKED(N);
     h->view.seen = (uint32_t *)(void *)(h->view.v + (window + 1) * N);
     (void)MK_F(mk_gate_thresholds)(settings->false_alarm, (int)N, threshold);
     (void)MK_F(mk_gate_thresholds)(1e-3, m, zero);
