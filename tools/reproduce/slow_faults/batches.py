@@ -33,7 +33,7 @@ AFTER = 60
 # The published rule's eta, and the evidence that ours asks for.
 ETA = 20.0
 ETAS = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, ETA, 28.0, 40.0, 60.0, 100.0)
-EVIDENCE = (1.0, 2.0, 4.0, 7.0, 18.0, 30.0)
+EVIDENCE = (2.0, 4.0, 7.0, 18.0)
 NEVER = 1e30
 _KEYS = ("monitor_alarm", "monitor_ended", "monitor_aime", "monitor_threshold", "monitor_rho", "monitor_median", "excluded", "end_ratio", "innovation")
 QUANTILES = (0.05, 0.5, 0.95)
@@ -186,8 +186,10 @@ def measure(case: Case, log: dict[str, np.ndarray]) -> Watched:
         excess = log["monitor_rho"][:, :, 0] - log["monitor_median"][:, :, 0]
         since = _since(alarm)
         ends = {eta: _first((since >= 2) & (excess > eta) & later, t) for eta in ETAS}
-    statistic, innovation = log["monitor_aime"][:, :, 0], log["innovation"][:, :, SATELLITE]
-    names = {"monitor_aime": 0, "monitor_rho": 0, "monitor_median": 0, "end_ratio": SATELLITE, "innovation": SATELLITE, "monitor_ended": 0}
+    # 0 while the window is empty.
+    statistic = np.where(log["monitor_aime"][:, :, 0] > 0, log["monitor_aime"][:, :, 0], np.nan)
+    innovation = log["innovation"][:, :, SATELLITE]
+    names = {"monitor_rho": 0, "monitor_median": 0, "end_ratio": SATELLITE, "excluded": SATELLITE}
     return Watched(
         alarm=first,
         false=np.sum((alarm | held.any(axis=2)) & (t <= BEGIN_S), axis=1),
@@ -196,11 +198,17 @@ def measure(case: Case, log: dict[str, np.ndarray]) -> Watched:
         after=np.sum(alarm & (t > last) & (t <= last + AFTER), axis=1),
         ends=ends,
         threshold=float(log["monitor_threshold"][0, BEGIN_S - 1, 0]),
-        statistic=np.quantile(statistic, QUANTILES, axis=0),
-        innovation=np.quantile(innovation, QUANTILES, axis=0),
+        statistic=_quantiles(statistic),
+        innovation=_quantiles(innovation),
         mean_innovation=innovation.mean(axis=0),
         one={name: log[name][0, :, column].astype(float) for name, column in names.items() if name in log},
     )
+
+
+def _quantiles(values: np.ndarray) -> np.ndarray:
+    """Over time, of the runs that have a value in an epoch; NaN where fewer than half do."""
+    few = np.isfinite(values).sum(axis=0) * 2 < len(values)
+    return np.where(few, np.nan, np.nanquantile(np.where(few, 0.0, values), QUANTILES, axis=0))
 
 
 def _first(mask: np.ndarray, t: np.ndarray) -> np.ndarray:

@@ -53,15 +53,17 @@ def alarms(batch: Batch) -> Figure:
                 times.plot(x, published.ALARM_S[scheme][rate], label="published", **plots.PUBLISHED | {"markersize": 7})
         for j, scheme in enumerate(ROBUST):
             x = i + 0.32 * (j - 0.5)
-            _spread(gained, x, gain(batch, scheme, rate), COLOUR[scheme], "")
+            values = gain(batch, scheme, rate)
+            _spread(gained, x, values, COLOUR[scheme], "")
+            gained.plot(x + 0.13, np.mean(values), marker="x", markersize=8, markeredgewidth=2, color="black", linestyle="none", label="mean")
             gained.plot(x, published.GAIN_S[scheme][rate], **plots.PUBLISHED | {"markersize": 7})
     for axes in (times, gained):
         axes.set_xticks(range(len(RATES)), [f"{rate:.2f} m/s" for rate in RATES])
         axes.grid(visible=False, axis="x")
     times.set(ylabel="alarm, s", title=f"{batch.runs} runs; the fault begins at {BEGIN_S} s")
     gained.set(ylabel="alarm before that of EKF + AIME, s", title="the same run by both")
-    handles, labels = times.get_legend_handles_labels()
-    unique = dict(zip(labels, handles))
+    shown = [axes.get_legend_handles_labels() for axes in (gained, times)]
+    unique = {label: handle for handles, labels in shown for handle, label in zip(handles, labels) if label}
     figure.legend(unique.values(), unique.keys(), ncols=3, loc="outside lower center", fontsize=10)
     return figure
 
@@ -74,7 +76,7 @@ def innovation(batch: Batch) -> Figure:
         watched = batch.of[plain(scheme, SHOWN)]
         axes.plot(t, watched.mean_innovation, color=COLOUR[scheme], label=LABEL[scheme])
         axes.fill_between(t, watched.innovation[0], watched.innovation[2], color=COLOUR[scheme], alpha=0.16, linewidth=0)
-    axes.plot(t, batch.of[ours(SHOWN)].mean_innovation, color=COLOUR["ours"], linewidth=1.2, label="REKF-t, satellite left out (ours)")
+    axes.plot(t, batch.of[ours(SHOWN)].mean_innovation, color=COLOUR["ours"], linewidth=1.2, label="REKF-t, left out from the alarm on (ours)")
     axes.set(xlabel="time, s", ylabel="innovation of satellite 1, m", xlim=(100, 380))
     axes.set_title(f"Mean and 5 to 95 % of {batch.runs} runs, ramp of {fault_name(SHOWN)}")
     axes.legend(loc="upper left")
@@ -109,9 +111,10 @@ def ratio(batch: Batch) -> Figure:
     left.plot(t, improved.one["monitor_rho"], color=COLOUR["rekf-t"], label="ratio", linewidth=1.4)
     left.plot(t, improved.one["monitor_median"], color=_ONE_RUN, label="median of the last three", linewidth=1.4)
     left.plot(t, improved.one["monitor_median"] + ETA, color="black", linestyle=(0, (4, 2)), linewidth=1.0, label=f"median + {ETA:g}")
-    left.set(title="published: ratio above median + eta", ylabel="q_A / q_R")
-    left.set_yscale("symlog", linthresh=10.0)
-    right.plot(t, own.one["end_ratio"], color=COLOUR["ours"], label="evidence / its limit", linewidth=1.4)
+    left.set(title="published: ratio above median + eta", ylabel="statistic of AIME / of RCTM", ylim=(0.0, None))
+    # Up to the decision; then the satellite is in use again.
+    evidence = np.where((own.one["excluded"] > 0) | (t == own.end[0]), own.one["end_ratio"], np.nan)
+    right.plot(t, evidence, color=COLOUR["ours"], label="evidence / its limit", linewidth=1.4)
     right.axhline(1.0, color="black", linestyle=(0, (4, 2)), linewidth=1.0, label="limit")
     right.set(title="ours: evidence that the fault is over")
     for axes, watched in zip(panels, (improved, own)):

@@ -131,17 +131,12 @@ def bounds(batch: Batch) -> str:
     for fault in FAULTS:
         limit = batch.limit[fault]
         distances = [f"{d:.1f}" for d in limit.distances]
-        share = [_missing(v) for exact in (False, True) for v in limit.bound(np.array(EARLY), exact=exact)]
+        share = [f"{100 * v:.2f}" for exact in (False, True) for v in limit.bound(np.array(EARLY), exact=exact)]
         early, near, exact = limit.reached
         # The lowest threshold that keeps it.
         at = int(np.argmax(early <= 0.01))
         body.append([fault_name(fault), *distances, *share, f"{100 * near[at]:.2f}", f"{100 * exact[at]:.1f}"])
     return tables.table(header, body)
-
-
-def _missing(probability: float) -> str:
-    """In per cent; close to all as what is missing."""
-    return f"100 - {100 * (1 - probability):.0e}" if probability > 0.9999 else f"{100 * probability:.2f}"
 
 
 def _facts(batch: Batch, fault: Fault) -> dict:
