@@ -3,8 +3,8 @@
 
 import rerun.blueprint as rrb
 
-from . import tracking_blueprint, views
-from .reader import Batch, Header
+from . import integrity_blueprint, navigation_blueprint, tracking_blueprint, views
+from .fields import Batch, Header
 from .scenario import Scenario
 from .series import seconds_timeline
 from .views import DRAWN_NODES, plot
@@ -13,10 +13,15 @@ from .views import DRAWN_NODES, plot
 def blueprint(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...] = ()) -> rrb.Blueprint:
     """`first` is the first batch: it tells whether there is a truth, and where the scene is. compared: names of other filters."""
     few = header.estimators <= DRAWN_NODES
+    if header.navigation:
+        return _of(header, [*navigation_blueprint.front(header, scenario, first, compared),
+                            _grid_tab(navigation_blueprint.consistency(header, first), "Consistency and losses")])
     if header.tracking:
         front = tracking_blueprint.front(header, scenario, first, compared, few=few)
     else:
         front = [_overview(header, scenario, first, few=few)]
+    if header.monitor:
+        front.append(integrity_blueprint.tab(header, first))
     tabs = [
         *front,
         _grid_tab(_consistency(header, first), "Consistency and losses"),
@@ -25,6 +30,10 @@ def blueprint(header: Header, scenario: Scenario, first: Batch, compared: tuple[
     if header.nodes <= DRAWN_NODES:
         name = "Measurements of each node, in the units of the model"
         tabs.append(views.series("measurement", name, ["$origin/**"]))
+    return _of(header, tabs)
+
+
+def _of(header: Header, tabs: list) -> rrb.Blueprint:
     return rrb.Blueprint(
         rrb.Tabs(*tabs, active_tab=0),
         rrb.BlueprintPanel(state="collapsed"),

@@ -65,7 +65,7 @@ def convert_joined(streams: dict[str, BinaryIO], output: Path, run: int) -> list
         except LogError as error:
             raise LogError(f"{name}: {error}") from None
     first = next(iter(readers.values()))
-    if first.header.tracking:
+    if first.header.timed:
         others = [(name, label, readers[name]) for name, label in comparison.labels(readers).items()]
         remarks = _convert(first, output, run, others)
         return remarks + [f"{name}: {text}" for name, reader in readers.items() if reader is not first for text in reader.warnings]

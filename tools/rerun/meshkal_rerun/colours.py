@@ -15,6 +15,13 @@ UNKNOWN = 0x808080FF
 BOUND = 0xE8C35AFF
 LIMIT = 0x8FA3B866
 MESSAGE = 0x9BE37AFF
+# Of three components.
+AXES = (0x7FC8FFFF, 0xF5B83DFF, 0xFF7EB6FF)
+LIMIT_LINE = 0xFFFFFFB0
+# States of lanes and marks of monitors, from nothing to all; the last one is WORST.
+QUIET = 0x3A4048FF
+SOME = 0x8A7A3AFF
+MANY = 0xF5B83DFF
 # What became of a reading, by its name in tracking_recording.py.
 DECISIONS = {
     "no reading": 0x50505AFF,

@@ -6,7 +6,8 @@ import rerun as rr
 
 from . import colours, derive
 from . import tracking_numbers as numbers
-from .reader import Batch, LogError, LogReader
+from .fields import Batch
+from .reader import LogError, LogReader
 from .scenario import Scenario, positions_of
 from .scene import send_trail
 from .series import Clock, Series
@@ -19,8 +20,8 @@ def labels(readers: dict[str, LogReader]) -> dict[str, str]:
     """What the logs behind the first one are called, by file. Raises LogError if one of them cannot be of the same run."""
     first_name, first = next(iter(readers.items()))
     for name, reader in readers.items():
-        if not reader.header.tracking:
-            raise LogError(f"{name} is not the log of a tracking scenario, {first_name} is; they cannot be joined")
+        if reader.header.kind != first.header.kind:
+            raise LogError(f"{name} is not the log of a {first.header.kind} scenario, {first_name} is; they cannot be joined")
         for key in (*_SAME, "seed") if first.header.source == "drawn" else _SAME:
             if getattr(reader.header, key) != getattr(first.header, key):
                 raise LogError(f"{name} cannot be compared with {first_name}: its {key} is another")

@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 
-from .reader import Batch, Header
+from .fields import Batch, Header
 
 
 def decibels(values: np.ndarray) -> np.ndarray:

@@ -6,12 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from .reader import Batch, LogError, LogReader, _check_arrays, _lengths
+from .fields import Batch, Header, lengths, monitor_lengths, optional
+from .reader import LogError, LogReader, check_arrays
 
-_SAME = ("scenario_sha256", "filter", "real", "dt_s", "source")
+_SAME = ("scenario_sha256", "filter", "real", "dt_s", "source", "monitor", "monitor_window", "monitor_false_alarm")
 # What holds one number or more of each slot, and of each estimator.
 _SLOTS = ("measurements_arrived", "estimates_arrived")
 _EACH = ("estimate", "trace_covariance", "position_covariance", "theta", "tolerance", "nis", "nis_rows", "faults")
+
+
+def _of_slots(header: Header) -> tuple[str, ...]:
+    return (*_SLOTS, *(key for key in monitor_lengths(header) if not key.startswith("monitor_")))
+
+
+def _of_estimators(header: Header) -> tuple[str, ...]:
+    return (*_EACH, *(key for key in monitor_lengths(header) if key.startswith("monitor_")))
 
 
 class JoinedReader(LogReader):
@@ -23,8 +32,8 @@ class JoinedReader(LogReader):
         first = next(iter(readers.values())).header
         slots: dict[int, tuple[int, ...]] = {}
         for name, reader in readers.items():
-            if reader.header.tracking:
-                raise LogError(f"{name} is the log of a tracking scenario, {next(iter(readers))} is not; they cannot be joined")
+            if reader.header.timed:
+                raise LogError(f"{name} is the log of a {reader.header.kind} scenario, {next(iter(readers))} is not; they cannot be joined")
             for key in _SAME:
                 if getattr(reader.header, key) != getattr(first, key):
                     raise LogError(f"{name} does not belong to {next(iter(readers))}: its {key} is another")
@@ -56,9 +65,9 @@ class JoinedReader(LogReader):
 
     def _together(self, run: int, step: int, parts: list) -> dict:
         item: dict = {"run": run, "step": step}
-        lengths = _lengths(self.header)
-        for key in ("measurements", *_SLOTS, *_EACH):
-            dtype, length = lengths[key]
+        sizes, of_slots, of_estimators = lengths(self.header), _of_slots(self.header), _of_estimators(self.header)
+        for key in ("measurements", *of_slots, *of_estimators):
+            dtype, length = sizes[key]
             item[key] = np.full(length, np.nan if dtype.kind == "f" else 0, dtype=dtype)
         for header, part in parts:
             item["measurements"] = np.where(np.isnan(item["measurements"]), part["measurements"], item["measurements"])
@@ -66,11 +75,11 @@ class JoinedReader(LogReader):
             for i, (node, slots) in enumerate(zip(header.estimator_nodes, header.slots)):
                 k = self.header.estimator_nodes.index(node)
                 start = int(self.header.slot_starts[k])
-                for key in _SLOTS:
+                for key in of_slots:
                     item[key][start : start + len(slots)] = part[key][at : at + len(slots)]
                 at += len(slots)
-                for key in _EACH:
-                    width = lengths[key][1] // self.header.estimators
+                for key in of_estimators:
+                    width = sizes[key][1] // self.header.estimators
                     if width:
                         item[key][k * width : (k + 1) * width] = part[key][i * width : (i + 1) * width]
         if not self.header.positions:
@@ -80,11 +89,11 @@ class JoinedReader(LogReader):
 
 def _checked(name: str, reader: LogReader) -> Iterator[dict]:
     """Items whose arrays are as the log's own header says, so that none of them can shift another's."""
-    lengths, last = _lengths(reader.header), (-1, -1)
+    sizes, last = lengths(reader.header), (-1, -1)
     needed = ("estimates_arrived", *(("position_covariance",) if reader.header.positions else ()))
     for item in reader._steps():
         where = f"{name}: run {item['run']}, step {item['step']}"
-        _check_arrays(item, lengths, where)
+        check_arrays(item, sizes, optional(reader.header), where)
         for key in needed:
             if key not in item:
                 raise LogError(f"{where}: {key} is missing")

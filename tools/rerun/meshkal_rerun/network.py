@@ -5,7 +5,7 @@ import numpy as np
 import rerun as rr
 
 from . import colours, derive
-from .reader import Batch, Header
+from .fields import Batch, Header
 from .scenario import Scenario
 from .series import Clock
 
@@ -14,6 +14,8 @@ LABELS = "network/labels"
 # A graph view measures text and discs in the units of the positions, so positions are scaled until labels fit between nodes.
 SPACING = 80.0
 _RADIUS = 14.0
+# Where a text is that says more of a node; its label is below.
+ABOVE = (0.0, -2.1 * _RADIUS)
 _LABELLED_NODES = 60
 _ROWS_A_SEND = 4096
 

@@ -5,17 +5,14 @@ import hashlib
 import io
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from enum import IntEnum
 
 import cbor2
 import numpy as np
 
+from .fields import CENTRAL, DISTRIBUTED, LINEAR, MONITORS, NAVIGATION, NAVIGATION_STATES, TRACKING, Batch, Decision, Header, lengths, optional
+
 FORMAT = "meshkal-log"
 FORMAT_VERSION = 1
-# Of the filter, for each kind of log: those of a centre, and those that run in every node.
-LINEAR, TRACKING = "linear", "tracking"
-_CENTRAL = {LINEAR: ("kfc", "rkfc"), TRACKING: ("ekf", "ukf", "iukf", "iukf-literal", "pukf", "mpukf")}
-_DISTRIBUTED = {LINEAR: ("kfd", "rkfdu", "rkfdnu", "rkfdnu2"), TRACKING: ("duif", "kcf", "rekfd")}
 
 # A batch is bounded by both, so that neither a large network nor a long run grows the memory in use.
 BATCH_BYTES = 64 << 20
@@ -32,90 +29,6 @@ class LogError(Exception):
 
 class _Cut(Exception):
     """The input ended inside or between items."""
-
-
-@dataclass(frozen=True)
-class Header:
-    program: str
-    scenario: str
-    scenario_sha256: str
-    filter: str
-    real: str
-    source: str
-    seed: int
-    runs: int
-    steps: int
-    loss: float
-    dt_s: float
-    states: int
-    positions: int  # states that are coordinates of a position
-    nodes: int
-    estimators: int
-    rows: tuple[int, ...]
-    slots: tuple[tuple[int, ...], ...]
-    estimator_nodes: tuple[int, ...]  # node of each estimator; of a centre none
-    tracking: bool
-    start_s: float  # time of x0 of a tracking log
-    iterations: int  # of the consensus of a tracking log, else 0
-    protocol: str
-    increments: int
-    gate: float  # significance, 0 without one
-
-    @property
-    def central(self) -> bool:
-        return self.filter in _CENTRAL[TRACKING if self.tracking else LINEAR]
-
-    @property
-    def heard(self) -> tuple[int, ...]:
-        """From how many of its slots, the first ones, an estimator gets readings; consensus spreads them in other ways."""
-        return (1,) * self.estimators if self.filter in ("duif", "kcf") else tuple(len(s) for s in self.slots)
-
-    @property
-    def messages(self) -> int:
-        """How many messages of a neighbour an estimator of a tracking log waits for in a step."""
-        return self.iterations if self.filter == "duif" else 1
-
-    @property
-    def slot_starts(self) -> np.ndarray:
-        """Where each estimator's slots start in an array over the slots of all estimators."""
-        return np.concatenate(([0], np.cumsum([len(s) for s in self.slots])[:-1])).astype(np.intp)
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Consecutive steps of one run: `step` has shape (T,), the others (T, length). What the log leaves out is None."""
-
-    step: np.ndarray
-    measurements: np.ndarray
-    measurements_arrived: np.ndarray
-    estimate: np.ndarray  # (T, E, n)
-    trace_covariance: np.ndarray
-    theta: np.ndarray | None
-    tolerance: np.ndarray | None
-    nis: np.ndarray
-    nis_rows: np.ndarray
-    faults: np.ndarray
-    truth: np.ndarray | None
-    error: np.ndarray | None
-    estimates_arrived: np.ndarray | None
-    position_covariance: np.ndarray | None  # (T, E, p (p + 1) / 2), rows of the lower triangle
-    # Of a tracking log.
-    time_s: np.ndarray | None = None  # (T,)
-    measuring: np.ndarray | None = None  # (T, N)
-    faulty: np.ndarray | None = None
-    decision: np.ndarray | None = None  # (T, slots), numbers of `Decision`
-    gate_ratio: np.ndarray | None = None  # 0: not judged
-    gate_stacked_ratio: np.ndarray | None = None
-    nees: np.ndarray | None = None
-    messages_arrived: np.ndarray | None = None
-    disagreement: np.ndarray | None = None  # (T,)
-    consensus_disagreement: np.ndarray | None = None  # (T, L + 1)
-
-
-class Decision(IntEnum):
-    """What became of a reading; LOST is not in logs: the sensor gave it, and it did not reach the estimator."""
-
-    NONE, USED, REJECTED, INFLATED, REFUSED, LOST = range(6)
 
 
 @dataclass
@@ -150,8 +63,8 @@ class LogReader:
         header = self.header
         if run >= header.runs:
             raise LogError(f"run {run} is not in the log, which has {header.runs} (numbered from 0)")
-        lengths = _lengths(header)
-        optional: frozenset[str] | None = None
+        wanted = lengths(header)
+        present_first: frozenset[str] | None = None
         pending: list[dict] = []
         pending_bytes = 0
         last_step = -1
@@ -159,16 +72,16 @@ class LogReader:
             if item["run"] != run:
                 continue
             where = f"item {self._items} (run {run}, step {item['step']})"
-            pending_bytes += _check_arrays(item, lengths, where)
-            present = frozenset(key for key in _optional(header) if key in item)
-            if optional is None:
-                optional = present
-            if present != optional:
-                raise LogError(f"{where}: {', '.join(sorted(present ^ optional))} is in some steps and not in others")
+            pending_bytes += check_arrays(item, wanted, optional(header), where)
+            present = frozenset(key for key in optional(header) if key in wanted and key in item)
+            if present_first is None:
+                present_first = present
+            if present != present_first:
+                raise LogError(f"{where}: {', '.join(sorted(present ^ present_first))} is in some steps and not in others")
             if item["step"] <= last_step:
                 raise LogError(f"{where}: comes after step {last_step}")
-            if header.tracking:
-                _check_tracking(item, where)
+            if header.timed:
+                _check_timed(item, where)
             last_step = item["step"]
             pending.append(item)
             if len(pending) >= BATCH_STEPS or pending_bytes >= BATCH_BYTES:
@@ -261,9 +174,10 @@ def _header(item: object) -> Header:
 
     nodes = take("nodes", positive)
     estimators = take("estimators", positive)
-    kind = take("kind", one_of(TRACKING)) if "kind" in item else LINEAR
-    filter_name = take("filter", one_of(*_CENTRAL[kind], *_DISTRIBUTED[kind]))
-    central = filter_name in _CENTRAL[kind]
+    kind = take("kind", one_of(TRACKING, NAVIGATION)) if "kind" in item else LINEAR
+    filter_name = take("filter", one_of(*CENTRAL[kind], *DISTRIBUTED[kind]))
+    central = filter_name in CENTRAL[kind]
+    monitored = item.get("monitor", "none") != "none"
     some = "estimator_nodes" in item and not central
     if not some and estimators != (1 if central else nodes):
         raise LogError(f"header: {estimators} estimators do not fit filter {filter_name} with {nodes} nodes")
@@ -271,6 +185,9 @@ def _header(item: object) -> Header:
     def estimator_nodes_valid(value: object) -> bool:
         valid = isinstance(value, list) and len(value) == estimators and all(_is_unsigned(k) and k < nodes for k in value)
         return valid and all(i < j for i, j in zip(value, value[1:]))
+
+    def satellites_valid(value: object) -> bool:
+        return isinstance(value, list) and len(value) == len(set(value)) == nodes and all(map(_is_unsigned, value))
 
     def rows_valid(value: object) -> bool:
         return isinstance(value, list) and len(value) == nodes and all(map(_is_unsigned, value))
@@ -294,67 +211,29 @@ def _header(item: object) -> Header:
         steps=take("steps", _is_unsigned),
         loss=take("loss", _is_finite_number),
         dt_s=take("dt_s", lambda value: _is_finite_number(value) and value > 0),
-        states=take("states", positive),
-        positions=take("positions", lambda value: _is_unsigned(value) and value <= 3),
+        states=take("states", (lambda value: value == NAVIGATION_STATES) if kind == NAVIGATION else positive),
+        positions=take("positions", lambda value: _is_unsigned(value) and (value == 3 if kind == NAVIGATION else value <= 3)),
         nodes=nodes,
         estimators=estimators,
         rows=tuple(take("rows", rows_valid)),
         slots=tuple(tuple(s) for s in take("slots", slots_valid)),
         estimator_nodes=tuple(take("estimator_nodes", estimator_nodes_valid)) if some else () if central else tuple(range(nodes)),
-        tracking=kind == TRACKING,
-        start_s=take("start_s", _is_finite_number) if kind == TRACKING else 0.0,
+        kind=kind,
+        start_s=take("start_s", _is_finite_number) if kind != LINEAR else 0.0,
         iterations=take("iterations", _is_unsigned) if kind == TRACKING else 0,
         protocol=take("protocol", text) if kind == TRACKING else "",
         increments=take("increments", _is_unsigned) if kind == TRACKING else 0,
         gate=take("gate", lambda value: _is_finite_number(value) and 0 <= value < 1) if kind == TRACKING else 0.0,
+        monitor=take("monitor", one_of(*MONITORS)) if monitored else "",
+        monitor_window=take("monitor_window", positive) if monitored else 0,
+        monitor_false_alarm=take("monitor_false_alarm", lambda value: _is_finite_number(value) and 0 < value < 1) if monitored else 0.0,
+        satellites=tuple(take("satellites", satellites_valid)) if kind == NAVIGATION else (),
     )
 
 
-_OPTIONAL = ("truth", "error", "estimates_arrived", "position_covariance")
-_OPTIONAL_TRACKING = (*_OPTIONAL, "theta", "tolerance", "nees", "messages_arrived", "disagreement", "consensus_disagreement")
-
-
-def _optional(header: Header) -> tuple[str, ...]:
-    return _OPTIONAL_TRACKING if header.tracking else _OPTIONAL
-
-
-def _lengths(header: Header) -> dict[str, tuple[np.dtype, int]]:
-    real = np.dtype("<f8" if header.real == "float64" else "<f4")
-    double, byte, word = np.dtype("<f8"), np.dtype("u1"), np.dtype("<u4")
-    e = header.estimators
-    slots = sum(len(s) for s in header.slots)
-    tracking = {
-        "time_s": (double, 1),
-        "measuring": (byte, header.nodes),
-        "faulty": (byte, header.nodes),
-        "decision": (byte, slots),
-        "gate_ratio": (real, slots),
-        "gate_stacked_ratio": (real, e),
-        "nees": (double, e),
-        "messages_arrived": (word, slots),
-        "disagreement": (double, 1),
-        "consensus_disagreement": (double, header.iterations + 1),
-    }
-    return (tracking if header.tracking else {}) | {
-        "truth": (double, header.states),
-        "measurements": (double, sum(header.rows)),
-        "measurements_arrived": (byte, slots),
-        "estimates_arrived": (byte, slots),
-        "estimate": (real, e * header.states),
-        "error": (double, e),
-        "trace_covariance": (real, e),
-        "position_covariance": (real, e * header.positions * (header.positions + 1) // 2),
-        "theta": (real, e),
-        "tolerance": (real, e),
-        "nis": (real, e),
-        "nis_rows": (word, e),
-        "faults": (word, e),
-    }
-
-
-def _check_arrays(item: dict, lengths: dict[str, tuple[np.dtype, int]], where: str) -> int:
+def check_arrays(item: dict, lengths: dict[str, tuple[np.dtype, int]], optional: tuple[str, ...], where: str) -> int:
+    """The bytes that they take. Raises LogError if one is not as it should be."""
     size = 0
-    optional = _OPTIONAL_TRACKING if "time_s" in lengths else _OPTIONAL
     for key, (dtype, length) in lengths.items():
         value = item.get(key)
         if value is None and key in optional:
@@ -367,7 +246,7 @@ def _check_arrays(item: dict, lengths: dict[str, tuple[np.dtype, int]], where: s
     return size
 
 
-def _check_tracking(item: dict, where: str) -> None:
+def _check_timed(item: dict, where: str) -> None:
     if not np.isfinite(item["time_s"][0]):
         raise LogError(f"{where}: time_s is not finite")
     largest = int(item["decision"].max())
@@ -379,7 +258,7 @@ def _batch(items: list[dict], header: Header) -> Batch:
     def stack(key: str) -> np.ndarray | None:
         return np.stack([item[key] for item in items]) if key in items[0] else None
 
-    arrays = {key: stack(key) for key in _lengths(header)}
+    arrays = {key: stack(key) for key in lengths(header)}
     for key in ("estimate", "position_covariance"):
         if arrays[key] is not None:
             arrays[key] = arrays[key].reshape(len(items), header.estimators, -1)

@@ -7,9 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
-from . import colours, derive, tracking_numbers
+from . import colours, derive, navigation_numbers, tracking_numbers
+from .integrity import Story
+from .integrity_marks import IntegrityMarks
+from .integrity_recording import IntegrityRecorder
+from .navigation_recording import NavigationRecorder, NavigationScene
+from .navigation_summary import NavigationSummary
 from .network import NetworkGraph
-from .reader import Batch, Header
+from .fields import LINEAR, NAVIGATION, TRACKING, Batch, Header
 from .scenario import Scenario
 from .scene import Scene
 from .series import Clock, Series
@@ -22,6 +27,9 @@ from .tracking_summary import TrackingSummary
 _FAULTS = {0: "measurement missing", 1: "estimate missing", 2: "input refused", 3: "no measurement at all"}
 # With lossy links the first two come and go at every step; they are drawn as counts and would bury the others here.
 _LOGGED = np.uint32(0xFFFFFFFF & ~0b11)
+
+_SCENES = {LINEAR: Scene, TRACKING: TrackingScene, NAVIGATION: NavigationScene}
+_SUMMARIES = {LINEAR: Summary, TRACKING: TrackingSummary, NAVIGATION: NavigationSummary}
 
 _SUMMARY_STYLE = {
     "rms": (colours.SUMMARY, 3.0),
@@ -41,6 +49,10 @@ def recording_id(header: Header, run: int, compared: Sequence[str] = ()) -> str:
         rest += header.estimator_nodes
     if header.tracking:
         rest += (header.start_s, header.iterations, header.protocol, header.increments, header.gate, *compared)
+    if header.navigation:
+        rest += (header.start_s, header.satellites, *compared)
+    if header.monitor:
+        rest += (header.monitor, header.monitor_window, header.monitor_false_alarm)
     digest = hashlib.sha256(repr(rest).encode()).hexdigest()[:8]
     return f"{header.scenario_sha256[:16]}-{header.filter}-seed{header.seed}-run{run}-{digest}"
 
@@ -63,21 +75,30 @@ class Recorder:
         each = colours.node_colours(header.nodes)
         self._colours = colours.node_colours(1) if header.central else each[list(header.estimator_nodes)]
         self._clock = Clock(header)
-        self._series = Series(rec, envelope=header.tracking)
+        self._series = Series(rec, envelope=header.timed)
         self._gaps: dict[str, bool] = {}  # of series, whether their first values have some
         self._last_faults = np.zeros(header.estimators, dtype=np.uint32)
         paths = [estimator_path(header, k) for k in range(header.estimators)]
-        scene = TrackingScene if header.tracking else Scene
+        scene = _SCENES[header.kind]
         self._scene = scene(rec, header, scenario, self._names, self._colours) if scenario.position_states else None
         self._tracking = TrackingRecorder(self._series, self._clock, header, paths) if header.tracking else None
-        self._graph = NetworkGraph(rec, header, scenario, self._clock)
-        self._summary = (TrackingSummary if header.tracking else Summary)(header, scenario, run, self._names)
+        self._navigation = NavigationRecorder(rec, self._series, self._clock, header) if header.navigation else None
+        # The links of satellites to one receiver say nothing; the sky does.
+        self._graph = None if header.navigation else NetworkGraph(rec, header, scenario, self._clock)
+        self._story = Story(header)
+        self._integrity = IntegrityRecorder(self._series, self._clock, header, scenario, self._names, paths)
+        self._marks = IntegrityMarks(rec, self._clock, header, scenario) if header.monitor and self._graph else None
+        self._summary = _SUMMARIES[header.kind](header, scenario, run, self._names)
         rec.send_recording_name(f"{scenario.name}: {header.filter}, run {run}")
 
     def batch(self, batch: Batch) -> None:
         times = self._clock.times(batch)
         quantities = derive.per_estimator(batch, self._header)
         network = derive.network(batch, quantities)
+        if self._navigation:
+            more = navigation_numbers.per_estimator(batch, self._scenario)
+            quantities, network = quantities | more, network | tracking_numbers.network(more)
+            self._navigation.batch(times, batch)
         if self._tracking:
             more = tracking_numbers.per_estimator(batch, self._header, self._scenario)
             quantities, network = quantities | more, network | tracking_numbers.network(more)
@@ -86,17 +107,25 @@ class Recorder:
         self._states(times, batch)
         self._measurements(times, batch)
         # What became of readings says more than these, and is drawn for every sensor.
-        fault_changes = 0 if self._tracking else self._faults(batch)
+        fault_changes = 0 if self._header.timed else self._faults(batch)
+        events = self._story.batch(batch)
+        self._integrity.batch(times, batch, events)
+        if self._marks:
+            self._marks.batch(batch)
         if self._scene:
             self._scene.batch(times, batch)
-        self._graph.batch(batch, quantities)
+        if self._graph:
+            self._graph.batch(batch, quantities)
         self._summary.batch(batch, quantities, network, fault_changes)
+        self._summary.integrity.batch(batch, events)
 
     def finish(self, end: str | None, more: Sequence[tuple[str, str]] = ()) -> None:
         """more: further rows of the result in the summary."""
         if self._scene:
             self._scene.finish()
-        colour_range = self._graph.finish()
+        if self._navigation:
+            self._navigation.finish()
+        colour_range = self._graph.finish() if self._graph else None
         self._summary.more += more
         self._rec.log("summary", rr.TextDocument(self._summary.text(end, colour_range), media_type="text/markdown"), static=True)
 
@@ -132,8 +161,9 @@ class Recorder:
             values = derive.finite(batch.measurements[:, first : first + rows])
             first += rows
             if rows:
-                names = [f"node {k}" if rows == 1 else f"node {k}, row {r}" for r in range(rows)]
-                self._sparse(f"measurement/node/{k}", times, values, names=names, colors=np.full(rows, node_colours[k]))
+                name = self._header.sensor_name(k)
+                names = [name if rows == 1 else f"{name}, row {r}" for r in range(rows)]
+                self._sparse(f"measurement/{self._header.sensor_path(k)}", times, values, names=names, colors=np.full(rows, node_colours[k]))
 
     def _drawn(self, path: str, times: list, values: np.ndarray, *, width: float, **style: object) -> None:
         self._series.lines(path, times, values, widths=width, **style)
@@ -141,7 +171,7 @@ class Recorder:
     def _sparse(self, path: str, times: list, values: np.ndarray, *, width: float = 1.0, **style: object) -> None:
         """What a tracking log does not have in every step is drawn as points: a line between gaps would not be seen. Lines are quicker."""
         if path not in self._gaps:
-            self._gaps[path] = bool(self._tracking) and not np.isfinite(values).all()
+            self._gaps[path] = self._header.timed and not np.isfinite(values).all()
         if self._gaps[path]:
             self._series.points(path, times, values, marker_sizes=1.0 + width, **style)
         else:

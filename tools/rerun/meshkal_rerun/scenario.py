@@ -7,7 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .reader import Header, LogError
+from .fields import Header
+from .reader import LogError
+
+# East, north, up of a navigation log.
+NAVIGATION_POSITION = (6, 7, 8)
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,8 @@ class Scenario:
     range_limits_m: np.ndarray | None = None  # (N,), infinite where there is none
     planar: bool = True  # positions have two coordinates
     gate_policy: str = ""
+    # Of monitors: how much rho must exceed its median at the end of a fault.
+    jump: float = 0.0
 
     @property
     def all_positions_m(self) -> np.ndarray | None:
@@ -40,12 +46,15 @@ def parse_scenario(header: Header) -> Scenario:
     model = document.get("model")
     if header.tracking:
         return _parse_tracking(header, document, model)
+    if header.navigation:
+        return Scenario(_name(document), None, NAVIGATION_POSITION, tolerance="", weights="", planar=False, jump=_jump(document, header))
     return Scenario(
-        name=str(document.get("name") or "unnamed"),
+        name=_name(document),
         node_positions_m=_node_positions(document.get("nodes"), header.nodes),
         position_states=_position_states(model.get("position_states") if isinstance(model, dict) else None, header.states),
         tolerance=_short(document.get("tolerance")),
         weights=_short(document.get("weights")),
+        jump=_jump(document, header),
     )
 
 
@@ -65,7 +74,7 @@ def _parse_tracking(header: Header, document: dict, model: object) -> Scenario:
     settings = document.get("tracking")
     gate = settings.get("gate") if isinstance(settings, dict) else None
     return Scenario(
-        name=str(document.get("name") or "unnamed"),
+        name=_name(document),
         node_positions_m=_node_positions(nodes, header.nodes, partial=True),
         position_states=position_states or None,
         tolerance=_short(document.get("tolerance")) if header.filter == "rekfd" else "",
@@ -74,7 +83,19 @@ def _parse_tracking(header: Header, document: dict, model: object) -> Scenario:
         range_limits_m=np.array(limits, dtype=np.float64),
         planar=len(position_states) < 3,
         gate_policy=str(gate.get("policy", "skip")) if isinstance(gate, dict) else "skip",
+        jump=_jump(document, header),
     )
+
+
+def _name(document: dict) -> str:
+    return str(document.get("name") or "unnamed")
+
+
+def _jump(document: dict, header: Header) -> float:
+    """As the simulator takes it where the scenario does not say."""
+    settings = document.get("monitor")
+    jump = settings.get("jump") if isinstance(settings, dict) else None
+    return float(jump) if _is_number(jump) else 2.0 * header.monitor_window
 
 
 def positions_of(states: np.ndarray, position_states: tuple[int, ...]) -> np.ndarray:

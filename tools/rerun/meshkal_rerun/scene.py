@@ -5,7 +5,7 @@ import numpy as np
 import rerun as rr
 
 from . import colours
-from .reader import Batch, Header
+from .fields import Batch, Header
 from .scenario import Scenario, positions_of
 
 TRAIL_STEPS = 60

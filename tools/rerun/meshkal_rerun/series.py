@@ -4,7 +4,8 @@
 import numpy as np
 import rerun as rr
 
-from .reader import Batch, Header, LogError
+from .fields import Batch, Header
+from .reader import LogError
 
 _LARGEST_NS = (1 << 63) - 1
 # A log that starts later, in 2001, is taken to count from 1970, and its times are shown as date and time of day, UTC.
@@ -72,4 +73,4 @@ class Clock:
 
 
 def seconds_timeline(header: Header) -> str:
-    return "time_s" if header.tracking else "sim_time"
+    return "time_s" if header.timed else "sim_time"

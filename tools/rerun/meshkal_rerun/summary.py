@@ -4,7 +4,8 @@
 import numpy as np
 
 from . import derive
-from .reader import Batch, Header
+from .fields import Batch, Header
+from .integrity_summary import IntegritySummary
 from .scenario import Scenario
 
 _FILTER_NAMES = {
@@ -31,6 +32,7 @@ class Summary:
         self._infinite = 0
         self._last_rms_db: float | None = None
         self._has_estimates_arrived = False
+        self.integrity = IntegritySummary(header, names)
         self.more: list[tuple[str, str]] = []  # further rows of the result
 
     def batch(self, batch: Batch, quantities: dict, network: dict, fault_entries: int) -> None:
@@ -80,6 +82,7 @@ class Summary:
         if self._has_estimates_arrived:
             rows.append(("estimates missing", self._share("estimates")))
         rows.append(("fault entries", str(self._fault_entries)))
+        rows += self.integrity.rows()
         state = {"complete": "complete", "interrupted": "run was interrupted", None: "**cut: the end is missing**"}[end]
         rows.append(("log", f"{state}, {self._steps} steps, to step {self._last_step}"))
         return rows
@@ -104,6 +107,7 @@ class Summary:
             ("arithmetic", header.real),
             ("tolerance", scenario.tolerance),
             ("weights", scenario.weights),
+            *self.integrity.facts(),
             ("program", header.program),
             ("scenario SHA-256", f"`{header.scenario_sha256[:16]}`"),
         ]
@@ -117,6 +121,12 @@ class Summary:
             return f"{header.estimators} (one a node)"
         return ", ".join(self._names)
 
+    def _monitor_legend(self) -> list[str]:
+        if not self._header.monitor:
+            return []
+        return ["- Test ratio of a monitor: its statistic over the threshold; 1 or more is an alarm. w: what leaving a sensor out takes from AIME. Axes "
+                "are cut above twice the threshold: zoom out."]
+
     def _legend(self, colour_range: tuple[float, float] | None) -> str:
         what = "error" if self._known.any() else "10 log10 of the test quantity (there is no truth)"
         lines = ["**How to read it**", ""]
@@ -129,6 +139,7 @@ class Summary:
             "- theta is 0 where a filter is not robust. Tolerance: twice the Kullback-Leibler divergence, in nats.",
             "- Faults: an entry when a node's faults change, what is merely missing left out: it is counted in the next tab.",
         ]
+        lines += self._monitor_legend()
         if self._scenario.position_states:
             lines.append(
                 "- Ellipsoids: 3 sigma of the position, from the covariance V that the node holds. Diffusion changes the error "

@@ -6,7 +6,7 @@ import rerun.blueprint as rrb
 
 from . import colours
 from . import tracking_numbers as numbers
-from .reader import Batch, Header
+from .fields import Batch, Header
 from .scenario import Scenario
 from .tracking_recording import DRAWN_SLOTS
 from .views import TIME_AXIS, plot, scene, series, states, text_log

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from . import derive
-from .reader import Batch, Decision, Header
+from .fields import Batch, Decision, Header
 from .scenario import Scenario
 
 BAND = 0.95
@@ -135,17 +135,17 @@ def middle(estimates: np.ndarray) -> np.ndarray:
 def nees_band(states: int, level: float = BAND) -> tuple[float, float]:
     """Where the NEES of one estimator in one step is with this probability, if its filter is exact."""
     tail = (1.0 - level) / 2.0
-    return chi_square_quantile(tail, states), chi_square_quantile(1.0 - tail, states)
+    return chi_square_upper_quantile(1.0 - tail, states), chi_square_upper_quantile(tail, states)
 
 
-def chi_square_quantile(probability: float, degrees: int) -> float:
-    """By bisection of the distribution function, which is a finite sum for whole degrees of freedom."""
+def chi_square_upper_quantile(tail: float, degrees: int) -> float:
+    """What is exceeded with probability `tail`, however small, by bisection of the tail's function, a finite sum for whole degrees of freedom."""
     low, high = 0.0, 1.0
-    while _chi_square_upper(high, degrees) > 1.0 - probability:
+    while _chi_square_upper(high, degrees) > tail:
         high *= 2.0
     for _ in range(200):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if 1.0 - _chi_square_upper(middle, degrees) < probability else (low, middle)
+        low, high = (middle, high) if _chi_square_upper(middle, degrees) > tail else (low, middle)
     return 0.5 * (low + high)
 
 

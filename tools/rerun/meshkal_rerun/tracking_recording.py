@@ -6,7 +6,7 @@ import rerun as rr
 
 from . import colours, derive
 from . import tracking_numbers as numbers
-from .reader import Batch, Decision, Header
+from .fields import Batch, Decision, Header
 from .series import Clock, Series
 
 # Above this many slots that are heard, only the largest test ratio of each step is drawn.

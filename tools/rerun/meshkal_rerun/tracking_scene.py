@@ -7,7 +7,7 @@ import rerun as rr
 
 from . import colours
 from . import tracking_numbers as numbers
-from .reader import Batch, Decision, Header
+from .fields import Batch, Decision, Header
 from .scenario import Scenario, positions_of
 from .scene import ELLIPSOIDS, Scene, send_trail
 from .tracking_recording import STATES

@@ -4,7 +4,7 @@
 import numpy as np
 
 from . import tracking_numbers as numbers
-from .reader import Batch, Decision, Header
+from .fields import Batch, Decision, Header
 from .scenario import Scenario
 from .summary import Summary, db, table
 
@@ -86,7 +86,7 @@ class TrackingSummary(Summary):
             rows.append((f"NEES within {low:.2f} to {high:.2f}", inside))
         if self._nis[1] > 0:
             rows.append(("mean test quantity (expected 1)", f"{self._nis[0] / self._nis[1]:.2f}"))
-        rows += self._fates()
+        rows += self._fates() + self.integrity.rows()
         if not self._header.central:
             rows.append(("messages missing", _share(self._gone["messages"], self._due["messages"])))
         if self._apart is not None:
@@ -139,6 +139,7 @@ class TrackingSummary(Summary):
         ]
         if self._header.iterations:
             lines.append("- Consensus: largest distance of a node's information matrix from the mean of all, in dB of it, after so many iterations.")
+        lines += self._monitor_legend()
         lines.append("- Axes are cut above what nearly all values reach: zoom out to see outliers.")
         return "\n".join(lines)
 

@@ -4,7 +4,7 @@
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn
 
-from .reader import Batch, Header
+from .fields import Batch, Header
 from .scenario import Scenario
 from .scene import ELLIPSOIDS, viewpoint
 

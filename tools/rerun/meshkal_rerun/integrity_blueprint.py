@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: MIT
+"""What the viewer shows of integrity monitors and weights."""
+
+import rerun.blueprint as rrb
+
+from .fields import Batch, Header
+from .integrity import STATISTICS, tested
+from .integrity_recording import DRAWN_ESTIMATORS, DRAWN_SLOTS, LANES
+from .tracking_numbers import Slots
+from .views import LEGEND_NODES, TIME_AXIS, series, text_log
+
+# What is far above its threshold says no more than what is just above.
+_RATIO_AXIS = rrb.ScalarAxis(range=(0.0, 2.2))
+
+
+def tab(header: Header, first: Batch) -> rrb.Horizontal:
+    """Of a log with a monitor."""
+    words = text_log("integrity_events", "Alarms and faults")
+    right = [ratio(header, "rctm" if tested(header) == "aime" else "aime"), statistic(header)]
+    left = [ratio(header, tested(header)), *ends(header), isolation(header)]
+    if first.weight is not None:
+        right.append(weights(header))
+    if first.fault is not None:
+        right.append(series("fault", "Injected fault of each sensor, unit of its reading", ["$origin/**"], legend=True))
+    return rrb.Horizontal(
+        rrb.Vertical(*left),
+        rrb.Vertical(*right),
+        rrb.Vertical(lanes(header), words, row_shares=[3, 2]),
+        column_shares=[5, 5, 4],
+        name="Integrity",
+    )
+
+
+def lanes(header: Header) -> rrb.StateTimelineView:
+    every = ", ".join(("alarms", "sensors held faulty" if header.monitor == "exclude" else "", "injected faults")).replace(", ,", ",")
+    return rrb.StateTimelineView(origin="integrity", name=every[0].upper() + every[1:], time_view=TIME_AXIS)
+
+
+def lane_count(header: Header) -> int:
+    """As many as one usually sees: a fault, who is held for it, and the alarms."""
+    return 3 if header.estimators > LANES else 2 + header.estimators
+
+
+def ratio(header: Header, key: str) -> rrb.TimeSeriesView:
+    several = header.estimators > 1
+    drawn = ["$origin/network/**"] if header.estimators > DRAWN_ESTIMATORS else [f"$origin/{key}/**"]
+    drawn = [f"$origin/{key}/network/**"] if header.estimators > DRAWN_ESTIMATORS else drawn
+    if several and header.estimators <= DRAWN_ESTIMATORS:
+        drawn += [f"- $origin/{key}/network/**", f"$origin/{key}/network/median"]
+    marks = ["$origin/alarm/**", "$origin/ended/**"] if key == tested(header) and header.estimators <= DRAWN_ESTIMATORS else []
+    said = "" if not marks else "; cross: alarm" + ("; diamond: fault declared over" if header.monitor in ("aime-improved", "exclude") else "")
+    of = "" if not several else " of each node, blue: median" if header.estimators <= DRAWN_ESTIMATORS else ": median, 10 to 90 % of nodes, largest"
+    name = f"{STATISTICS[key]} / threshold{of}, alarm from 1 on{said}"
+    return series("monitor_ratio", name, [*drawn, "$origin/threshold", *marks], axis=_RATIO_AXIS)
+
+
+def both_ratios(header: Header) -> rrb.TimeSeriesView:
+    """Of one estimator."""
+    name = "Test statistic / threshold, alarm from 1 on: blue AIME, sand RCTM; cross: alarm; diamond: fault declared over"
+    contents = ["$origin/aime/**", "$origin/rctm/**", "$origin/threshold", "$origin/alarm/**", "$origin/ended/**"]
+    return series("monitor_ratio", name, contents, axis=_RATIO_AXIS)
+
+
+def statistic(header: Header) -> rrb.TimeSeriesView:
+    if header.estimators > 1:
+        contents = [f"$origin/{tested(header)}/**"]
+        return series("monitor_statistic", f"{STATISTICS[tested(header)]} of each node, as in the log", contents)
+    return series("monitor_statistic", "Statistics and threshold of the tested one, as in the log", ["$origin/**"], legend=True)
+
+
+def ends(header: Header) -> list[rrb.View]:
+    if header.monitor == "exclude":
+        name = f"Evidence that the fault is over{_each(header)}, decision at 1"
+        return [series("end_ratio", name, ["$origin/**"], legend=header.nodes <= LEGEND_NODES, axis=rrb.ScalarAxis(range=(-0.05, 1.2)))]
+    if header.monitor == "aime-improved":
+        if header.estimators == 1:
+            return [series("monitor_rho", "rho (blue), its median (sand), limit (white): above it the fault is over", ["$origin/**"])]
+        contents = ["$origin/rho/**"] if header.estimators <= DRAWN_ESTIMATORS else ["$origin/rho/network/**"]
+        return [series("monitor_rho", "rho of each node: the fault is over where it jumps above its median", contents)]
+    return []
+
+
+def isolation(header: Header) -> rrb.TimeSeriesView:
+    name = f"w: what leaving a sensor out takes from AIME{_each(header)}"
+    return series("isolation", name, ["$origin/**"], legend=header.nodes <= LEGEND_NODES)
+
+
+def weights(header: Header) -> rrb.TimeSeriesView:
+    name = f"Weight of each reading{_each(header)}: 1 used as it is, 0 not at all"
+    return series("weight", name, ["$origin/**"], legend=header.nodes <= LEGEND_NODES, axis=rrb.ScalarAxis(range=(-0.05, 1.05)))
+
+
+def _each(header: Header) -> str:
+    slots = len(Slots(header).at)
+    return "" if slots <= DRAWN_SLOTS else ", the worst of each sensor" if header.nodes <= DRAWN_SLOTS else ", the worst of all"

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: MIT
+"""Sensors that are held faulty, marked in the graph of the network and in the scene: in a colour and by a shape, with how many say so."""
+
+import numpy as np
+import rerun as rr
+
+from . import colours, integrity
+from .fields import Batch, Header
+from .integrity import Share
+from .network import ABOVE, graph_positions
+from .scenario import Scenario
+from .series import Clock
+
+GRAPH = "network/held_faulty"
+SCENE = "scene/held_faulty"
+_PAINT = np.array([colours.QUIET, colours.BOUND, colours.MANY, colours.WORST], dtype=np.uint32)
+_ARM = 0.02  # of the extent of the network: half the width of a cross
+
+
+class IntegrityMarks:
+    """Sends them where they change."""
+
+    def __init__(self, rec: rr.RecordingStream, clock: Clock, header: Header, scenario: Scenario) -> None:
+        self._rec, self._clock, self._header = rec, clock, header
+        self._held = integrity.Held(header)
+        self._changes = integrity.Changes(np.zeros(header.nodes, dtype=np.int64))
+        self._graph = graph_positions(scenario.all_positions_m, header)[: header.nodes] + ABOVE
+        self._positions = scenario.node_positions_m if scenario.position_states else None
+        if self._positions is not None:
+            known = self._positions[np.isfinite(self._positions).all(axis=1)]
+            self._arm = _ARM * max(float((known.max(axis=0) - known.min(axis=0)).max()), 1e-3)
+            rec.log(SCENE, rr.Points3D.from_fields(radii=-9.0, show_labels=True), static=True)
+            rec.log(f"{SCENE}/cross", rr.LineStrips3D.from_fields(radii=-2.0, colors=colours.TRUTH), static=True)
+
+    def batch(self, batch: Batch) -> None:
+        counts = self._held.counts(batch)
+        steps = np.unique(self._changes.of(counts)[0])
+        if not len(steps):
+            return
+        times = self._clock.times(batch, steps)
+        at, node = np.nonzero(counts[steps])
+        of = self._held.heard[node]
+        count = counts[steps][at, node]
+        painted = _PAINT[np.array([Share.NONE.value, *integrity.shares(count, of)])[1:]]
+        texts = ["\u2716 faulty" if h == 1 else f"\u2716 faulty at {c} of {h}" for c, h in zip(count, of)]
+        each = np.bincount(at, minlength=len(steps))
+        ids = [f"held {k}" for k in node]
+        columns = rr.GraphNodes.columns(node_ids=ids, positions=self._graph[node], labels=texts, colors=painted)
+        self._rec.send_columns(GRAPH, times, columns.partition(each))
+        if self._positions is not None:
+            known = np.isfinite(self._positions[node]).all(axis=1)
+            each = np.bincount(at[known], minlength=len(steps))
+            where = self._positions[node[known]]
+            labels = [text for text, is_known in zip(texts, known) if is_known]
+            columns = rr.Points3D.columns(positions=where, colors=painted[known], labels=labels)
+            self._rec.send_columns(SCENE, times, columns.partition(each))
+            arms = self._arm * np.array([[[-1.0, -1.0, 0.0], [1.0, 1.0, 0.0]], [[-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]])
+            strips = (where[:, None, None] + arms).reshape(-1, 2, 3).astype(np.float32)
+            self._rec.send_columns(f"{SCENE}/cross", times, rr.LineStrips3D.columns(strips=strips).partition(2 * each))

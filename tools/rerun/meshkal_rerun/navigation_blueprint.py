@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: MIT
+"""What the viewer shows of a navigation log: the sky and what the monitor says left, statistics, weights and errors right."""
+
+import rerun.blueprint as rrb
+
+from . import colours, integrity_blueprint, views
+from . import tracking_numbers as numbers
+from .fields import Batch, Header
+from .navigation_numbers import GROUPS
+from .navigation_recording import SIGMAS
+from .scenario import Scenario
+from .sky import EXTENT
+from .views import LEGEND_NODES, plot, series, text_log
+
+
+def front(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...]) -> list:
+    """The tabs that come first."""
+    tabs = [_overview(header, first, compared), _summary(header)]
+    if header.monitor:
+        tabs.append(integrity_blueprint.tab(header, first))
+    name = "Position, m: " + ("truth (white), " if first.truth is not None else "") + "estimate (blue)"
+    flight = rrb.Vertical(views.scene(scenario, first, name, few=True), name="Flight")
+    return [*tabs, rrb.Grid(*_states(first), name="Navigation", grid_columns=3), flight]
+
+
+def consistency(header: Header, first: Batch) -> list[rrb.View]:
+    plots = [plot(header, "nis_ratio", "Test quantity: squared normalised innovation / degrees of freedom, 1 = as expected", axis=_axis(3.0))]
+    if first.nees is not None:
+        plots.append(_nees(header))
+    if first.weight_statistic is not None:
+        name = "Standardised statistic of each reading, which its weight comes from"
+        plots.append(series("weight_statistic", name, ["$origin/**"], legend=header.nodes <= LEGEND_NODES))
+    return [*plots, plot(header, "missing_measurements", "Satellites without a reading")]
+
+
+def _overview(header: Header, first: Batch, compared: tuple[str, ...]) -> rrb.Horizontal:
+    held = ", ring and cross: held faulty" if header.monitor else ""
+    weight = "blue: full weight, red: none" if first.weight is not None else "blue: used"
+    bounds = rrb.VisualBounds2D(x_range=(-EXTENT, EXTENT), y_range=(-EXTENT, EXTENT))
+    left = [rrb.Spatial2DView(origin="sky", name=f"Sky, elevation in degrees; {weight}{held}", visual_bounds=bounds, background=[13, 16, 17])]
+    shares = [7.0]
+    if header.monitor:
+        left.append(integrity_blueprint.lanes(header))
+        shares.append(0.7 * integrity_blueprint.lane_count(header) + 0.6)
+    elif first.fault is not None:
+        left.append(integrity_blueprint.lanes(header))
+        shares.append(1.6)
+    return rrb.Horizontal(
+        rrb.Vertical(*left, row_shares=shares), rrb.Vertical(*_plots(header, first, compared)), column_shares=[5, 6], name="Overview"
+    )
+
+
+def _plots(header: Header, first: Batch, compared: tuple[str, ...]) -> list[rrb.View]:
+    out = []
+    if header.monitor:
+        out.append(integrity_blueprint.both_ratios(header))
+    if first.weight is not None:
+        out.append(integrity_blueprint.weights(header))
+    if header.monitor:
+        out += integrity_blueprint.ends(header)[:1] or [integrity_blueprint.isolation(header)]
+    if first.innovation is not None:
+        out.append(series("innovation", "Innovation of each satellite, m", ["$origin/**"], legend=header.nodes <= LEGEND_NODES))
+    if first.truth is not None:
+        if compared:
+            others = "".join(f", {colours.compared(i)[0]}: {label}" for i, label in enumerate(compared))
+            out.append(plot(header, "position_error", f"Position error, m{others}", extra=("$origin/compared/**",)))
+        else:
+            out.append(series("navigation/error/position", "Position error, m", ["$origin/**"], legend=True))
+    return out
+
+
+def _summary(header: Header) -> rrb.Horizontal:
+    return rrb.Horizontal(
+        rrb.TextDocumentView(origin="summary", name="Summary"), text_log("integrity_events", "Alarms and faults"), column_shares=[5, 4], name="Summary"
+    )
+
+
+def _states(first: Batch) -> list[rrb.View]:
+    """Errors where there is a truth, else the estimates; of the position each component with what the filter holds of it."""
+    what, said = ("error", " error") if first.truth is not None else ("estimate", "")
+    out = []
+    for axis in GROUPS[2].labels:
+        contents = [f"/navigation/error/position/{axis}"] if first.truth is not None else []
+        name = f"Position{said} {axis}, m" if contents else f"Uncertainty of the position {axis}, m"
+        out.append(series("navigation", f"{name}, and {SIGMAS:g} sigma", [*contents, f"/navigation/sigma/{axis}/**"]))
+    for group in GROUPS:
+        if group.key != "position":
+            name = f"{group.name}{said}, {group.unit}"
+            out.append(series(f"navigation/{what}/{group.key}", name, ["$origin/**"], legend=len(group.labels) > 1))
+    return out
+
+
+def _nees(header: Header) -> rrb.View:
+    low, high = numbers.nees_band(header.states)
+    name = f"NEES; an exact filter: {header.states}, in 95 of 100 epochs from {low:.2f} to {high:.2f}"
+    return plot(header, "nees", name, axis=_axis(3.0 * header.states), extra=("$origin/band/**",))
+
+
+def _axis(high: float) -> rrb.ScalarAxis:
+    return rrb.ScalarAxis(range=(0.0, high))
