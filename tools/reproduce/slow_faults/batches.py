@@ -35,7 +35,8 @@ ETA = 20.0
 ETAS = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, ETA, 28.0, 40.0, 60.0, 100.0)
 EVIDENCE = (2.0, 4.0, 7.0, 18.0)
 NEVER = 1e30
-_KEYS = ("monitor_alarm", "monitor_ended", "monitor_aime", "monitor_threshold", "monitor_rho", "monitor_median", "excluded", "end_ratio", "innovation")
+_KEYS = ("monitor_alarm", "monitor_ended", "monitor_aime", "monitor_threshold", "monitor_rho", "monitor_median")
+_KEYS += ("excluded", "end_ratio", "innovation")
 QUANTILES = (0.05, 0.5, 0.95)
 
 Fault = tuple[float, int]  # rate, m/s; last second
@@ -76,6 +77,8 @@ def ours(fault: Fault, evidence: float | None = None) -> Case:
     return Case("rekf-t", "exclude", fault, () if evidence is None else (("evidence", evidence),))
 
 
+# One run for the viewer: the first is shown, the others beside it.
+RECORDED = {"ours": ours((0.15, 299)), "published": plain("rekf-t", (0.15, 299)), "ekf": plain("ekf", (0.15, 299))}
 CASES = [plain(scheme, (rate, 299)) for scheme in published.SCHEMES for rate in RATES] + [
     case for fault in FAULTS for case in (plain("rekf-t", fault), unending(fault), ours(fault), *(ours(fault, e) for e in EVIDENCE))
 ]
@@ -168,6 +171,9 @@ def _run(program: Program, folder: Path, seed: int, runs: int, jobs: int) -> Non
 
     with ThreadPoolExecutor(jobs) as pool:
         list(pool.map(one, CASES))
+    for name, case in RECORDED.items():
+        options = ("--filter", case.scheme, "--monitor", case.monitor, "--seed", seed)
+        program("simulate", folder / f"{case.file}-scenario.json", *options, "--out", folder / f"{name}.cbor")
 
 
 def measure(case: Case, log: dict[str, np.ndarray]) -> Watched:
@@ -251,7 +257,8 @@ def _load(folder: Path, seed: int) -> Batch:
     of = {case: _restore(read_json(folder / f"{case.file}.json")) for case in CASES}
     base = read_json(folder / "scenario.json")
     epochs = len(of[CASES[0]].mean_innovation)
-    return Batch(seed, len(of[CASES[0]].alarm), of, {fault: limit(base, fault, of[ours(fault)].alarm) for fault in FAULTS}, dict(_true(FAULTS, epochs)))
+    limits = {fault: limit(base, fault, of[ours(fault)].alarm) for fault in FAULTS}
+    return Batch(seed, len(of[CASES[0]].alarm), of, limits, dict(_true(FAULTS, epochs)))
 
 
 def _true(faults: Iterable[Fault], epochs: int) -> Iterable[tuple[Fault, np.ndarray]]:

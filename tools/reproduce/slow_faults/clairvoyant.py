@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: MIT
 """What a test of the end of a fault could reach that knows all but this end: satellite, beginning and rate.
 
-Such a test takes the fault f(t) = rate (t - from), if it still goes on, off the satellite's pseudorange. The innovations of the filter are then white,
-N(0, S). If the fault ended before epoch s, they have a mean as well: that of -f(t) on this row from s on, and of what it does to the filter.
-g(s, t) = L^-1 of this mean, S = L L': the signature. Everything that can be known of the end is in the log likelihood ratios
+Such a test takes the fault f(t) = rate (t - begin), if it still goes on, off the satellite's pseudorange. The innovations of the filter are then
+white, N(0, S). If the fault ended before epoch s, they have a mean as well: that of -f(t) on this row from s on, and of what it does to the
+filter. g(s, t) = L^-1 of this mean, S = L L', is the signature. All that can be known of the end is in the log likelihood ratios
 
-    l(s, t) = sum over i = s .. t of  g(s, i) . e(i) - |g(s, i)|^2 / 2,    e white, N(0, I), or N(g(s, i), I) where the fault ended before s
+    l(s, t) = sum over i = s .. t of  g(s, i)' e(i) - |g(s, i)|^2 / 2,    e white, N(0, I), or N(g(s, i), I) where the fault ended before s
 
-Bound. Be T the declared end, s the first epoch without fault, and p the probability of T in s - 2 .. s + 2 while the fault goes on. Neyman and Pearson: no rule
-has T there with a probability above Phi(d - z_p), d^2 = sum over s .. s + 2 of |g(s, i)|^2, z_p the upper quantile, if the fault ends there. A rule ends faults early,
-before s - 2, with a probability of `early` in the epochs from the alarm on; the bound is for rules that do this as often at any time: p = 5 early / epochs.
-For an exact hit: one epoch in place of five, and of s .. s + 2.
+Bound. Let T be the declared end, s the first epoch without fault, and p the probability of T in s - 2 .. s + 2 while the fault goes on. By
+Neyman and Pearson no rule has T there with a probability above Phi(d - z_p) if the fault ends there; d^2 = sum over s .. s + 2 of |g(s, i)|^2,
+z_p the upper quantile. A rule ends faults early, before s - 2, with a probability `early` in the epochs from the alarm on; the bound is for
+rules that do this as often at any time: p = 5 early / epochs. For an exact hit: the epoch s alone, and p of one epoch.
 
-Reached. Page's test, generalised: it declares the end at the first t where the largest l(s, t) exceeds h. Its numbers are by simulation of e.
+Reached. Page's test, generalised: the end is declared at the first t where the largest l(s, t) exceeds a threshold. Its numbers are by
+simulation of e.
 """
 
 from dataclasses import dataclass

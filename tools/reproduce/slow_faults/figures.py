@@ -17,9 +17,11 @@ from .results import MONITOR, fault_name
 # Of Okabe and Ito, told apart by the colour-blind.
 COLOUR = {"ekf": "#999999", "rekf-n": "#e69f00", "rekf-t": "#0072b2", "ours": "#009e73"}
 _ONE_RUN = "#d55e00"
+_MEAN = {"marker": "x", "markersize": 8, "markeredgewidth": 2, "color": "black", "linestyle": "none"}
 
 
-def write(out: Path, batch: Batch) -> None:
+def write(out: Path, batches: list[Batch]) -> None:
+    batch = batches[0]
     with plt.rc_context(plots.STYLE):
         plots.save(out / "alarms.png", alarms, batch)
         plots.save(out / "innovation.png", innovation, batch)
@@ -55,7 +57,7 @@ def alarms(batch: Batch) -> Figure:
             x = i + 0.32 * (j - 0.5)
             values = gain(batch, scheme, rate)
             _spread(gained, x, values, COLOUR[scheme], "")
-            gained.plot(x + 0.13, np.mean(values), marker="x", markersize=8, markeredgewidth=2, color="black", linestyle="none", label="mean")
+            gained.plot(x + 0.13, np.mean(values), **_MEAN, label="mean")
             gained.plot(x, published.GAIN_S[scheme][rate], **plots.PUBLISHED | {"markersize": 7})
     for axes in (times, gained):
         axes.set_xticks(range(len(RATES)), [f"{rate:.2f} m/s" for rate in RATES])
@@ -86,13 +88,15 @@ def innovation(batch: Batch) -> Figure:
 def statistic(batch: Batch) -> Figure:
     figure, panels = plt.subplots(1, 2, sharey=True, figsize=(9.6, 4.4))
     t = _times(batch)
-    shown = ([(plain(s, SHOWN), COLOUR[s], f"{LABEL[s]} + {MONITOR[s]}") for s in published.SCHEMES], [(ours(SHOWN), COLOUR["ours"], "REKF-t, ours")])
+    schemes = [(plain(s, SHOWN), COLOUR[s], f"{LABEL[s]} + {MONITOR[s]}") for s in published.SCHEMES]
+    shown = (schemes, [(ours(SHOWN), COLOUR["ours"], "REKF-t, ours")])
     for axes, cases, title in zip(panels, shown, ("as published", "the satellite left out from the alarm on")):
         for case, colour, label in cases:
             low, middle, high = batch.of[case].statistic
             axes.semilogy(t, middle, color=colour, label=label)
             axes.fill_between(t, low, high, color=colour, alpha=0.18, linewidth=0)
-        axes.axhline(batch.of[plain("ekf", SHOWN)].threshold, color="black", linestyle=(0, (4, 2)), linewidth=1.2, label="threshold, 8 satellites")
+        threshold = batch.of[plain("ekf", SHOWN)].threshold
+        axes.axhline(threshold, color="black", linestyle=(0, (4, 2)), linewidth=1.2, label=f"threshold, {threshold:.2f}")
         axes.axvspan(BEGIN_S, SHOWN[1], color="#000000", alpha=0.05, linewidth=0)
         axes.set(xlabel="time, s", xlim=(100, 380), title=title)
         axes.legend(fontsize=9.5, loc="lower right")
@@ -163,21 +167,26 @@ _FLOOR = 2e-4  # where none of the runs is shown on the logarithmic axis
 
 
 def roc(batch: Batch) -> Figure:
-    figure, panels = plt.subplots(2, len(FAULTS), sharex=True, sharey="row", figsize=(12.5, 5.6))
+    figure, panels = plt.subplots(2, len(FAULTS), sharex=True, sharey="row", figsize=(10.8, 4.9))
     early = np.geomspace(_FLOOR, 1.0, 200)
     for column, fault in zip(panels.T, FAULTS):
         limit = batch.limit[fault]
-        rules = ((COLOUR["rekf-t"], "published rule, over eta", [batch.declared(unending(fault), eta) for eta in ETAS], ETAS.index(ETA)),
-                 (COLOUR["ours"], "ours, over evidence", [*(batch.declared(ours(fault, e)) for e in EVIDENCE), batch.declared(ours(fault))], len(EVIDENCE)))
+        by_eta = [batch.declared(unending(fault), eta) for eta in ETAS]
+        by_evidence = [batch.declared(ours(fault, evidence)) for evidence in (*EVIDENCE, None)]
+        rules = (
+            (COLOUR["rekf-t"], "published rule, over eta", by_eta, ETAS.index(ETA)),
+            (COLOUR["ours"], "ours, over evidence", by_evidence, len(EVIDENCE)),
+        )
         for axes, part in zip(column, ("near", "exact")):
-            axes.plot(early, 100 * limit.bound(early, exact=part == "exact"), color="black", linestyle=(0, (4, 2)), linewidth=1.2, label="bound, rate known")
+            bound = 100 * limit.bound(early, exact=part == "exact")
+            axes.plot(early, bound, color="black", linestyle=(0, (4, 2)), linewidth=1.2, label="bound, rate known")
             reached = limit.reached[1 if part == "near" else 2]
             axes.plot(np.maximum(limit.reached[0], _FLOOR), 100 * reached, color="#777777", linewidth=1.2, label="Page's test, rate known")
             for colour, label, declared, default in rules:
                 _points(axes, declared, part, colour, label, default)
             axes.set_xscale("log")
             axes.set_xlim(_FLOOR / 1.3, 1.0)
-        column[0].set_title(fault_name(fault), fontsize=10.5)
+        column[0].set_title(fault_name(fault), fontsize=10)
         column[1].set_xticks([_FLOOR, 1e-3, 1e-2, 1e-1, 1], ["0", "0.1", "1", "10", "100"])
         column[1].minorticks_off()
         column[1].set_xlabel("early ends, %")
