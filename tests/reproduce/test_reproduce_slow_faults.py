@@ -271,7 +271,8 @@ def test_model_is_the_filter_s(slow, base, tmp_path):
         expected = H @ P @ H.T + R
         worst = max(worst, np.abs(np.tril(expected) - S[t]).max() / np.abs(expected).max())
         P -= P @ H.T @ np.linalg.solve(expected, H @ P)
-    assert worst < 1e-3
+    # What is left: satellites at a finite distance.
+    assert worst < 4e-5
 
 
 def test_signature_is_that_of_the_joint_law(base):
