@@ -36,6 +36,7 @@ static int read_three(mk_reader_t *reader, json_t *object, const char *key, cons
 
 static int read_maneuver(mk_reader_t *reader, json_t *value, const char *at, const mk_navigation_t *nav, mk_maneuver_t *m) {
     static const char *const known[] = {"turn_deg", "climb_m", "from_s", "to_s", NULL};
+    char place_of_climb[80];
     if (!mk_read_keys(reader, value, at, known)) return 0;
     const int turns = json_object_get(value, "turn_deg") != NULL;
     m->climbs = !turns;
@@ -47,9 +48,9 @@ static int read_maneuver(mk_reader_t *reader, json_t *value, const char *at, con
         return 0;
     if (!(m->to_s > m->from_s)) return mk_read_bad(reader, at, "to_s must be above from_s, %g", m->from_s);
     if (turns) m->amount *= DEGREE;
-    else if (2.0 * fabs(m->amount) / (m->to_s - m->from_s) > 0.5 * nav->speed)
-        return mk_read_bad(reader, at, "is steeper than 30 degrees at %g m/s: climb less, or longer", nav->speed);
-    return 1;
+    (void)snprintf(place_of_climb, sizeof place_of_climb, "%.60s.climb_m", at);
+    return turns || 2.0 * fabs(m->amount) / (m->to_s - m->from_s) <= 0.5 * nav->speed ||
+           mk_read_bad(reader, place_of_climb, "is steeper than 30 degrees at %g m/s: climb less, or longer", nav->speed);
 }
 
 static int read_maneuvers(mk_reader_t *reader, json_t *object, mk_navigation_t *nav) {

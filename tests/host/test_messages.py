@@ -57,7 +57,7 @@ GOOD = """{
   "seed": 4
 }
 """
-TOP = "name, model, nodes, edges, weights, tolerance, steps, seed"
+TOP = "name, model, nodes, edges, weights, tolerance, steps, seed, faults, monitor"
 WEIGHTS = GOOD[GOOD.index('"weights"'):GOOD.index('"tolerance"')]
 PAIR = "must be two node numbers from 0 to 2"
 
@@ -142,6 +142,35 @@ BROKEN = [
     ('"steps": 20', '@"steps": 1000000001', "steps", "must be an integer from 1 to 1e9", True),
     ('"seed": 4', '@"seed": -1', "seed", "must be an integer, 0 or above", True),
     ('"seed": 4', '@"seed": "4"', "seed", "must be an integer, 0 or above", True),
+    # faults and monitors
+    ('"seed": 4', '@"faults": {}', "faults", "must be an array of faults", True),
+    ('"seed": 4', '"faults": [\n@3]', "faults[0]", "must be an object", True),
+    ('"seed": 4', '"faults": [\n@{"node": 1, "rate": 1}]', "faults[0]", 'key "from_s" is missing', True),
+    ('"seed": 4', '"faults": [\n@{"from_s": 1, "rate": 1}]', "faults[0]", 'key "node" is missing', True),
+    ('"seed": 4', '"faults": [{"node": 1, "from_s": 1, "rate": 1}, {"node": 1, "from_s": 1,\n@"rates": 1}]', "faults[1].rates",
+     "unknown key; known are node, row, from_s, to_s, rate, step", True),
+    ('"seed": 4', '"faults": [{\n@"node": 3, "from_s": 1, "rate": 1}]', "faults[0].node", "must be an integer from 0 to 2", False),
+    ('"seed": 4', '"faults": [{"node": 2,\n@"row": 1, "from_s": 1, "rate": 1}]', "faults[0].row", "must be an integer from 0 to 0", False),
+    ('"seed": 4', '"faults": [{"node": 2,\n@"row": -1, "from_s": 1, "rate": 1}]', "faults[0].row", "must be an integer from 0 to 0", True),
+    ('"seed": 4', '"faults": [{"node": 2,\n@"from_s": "1", "rate": 1}]', "faults[0].from_s", "must be a number of seconds", True),
+    ('"seed": 4', '"faults": [{"node": 2, "from_s": 1,\n@"to_s": 1, "rate": 1}]', "faults[0].to_s", "must be after from_s, 1", False),
+    ('"seed": 4', '"faults": [{"node": 2, "from_s": 1,\n@"rate": null}]', "faults[0].rate", "must be a number, in the unit of the row a second", True),
+    ('"seed": 4', '"faults": [{"node": 2, "from_s": 1,\n@"step": []}]', "faults[0].step", "must be a number, in the unit of the row", True),
+    ('"seed": 4', '"faults": [\n@{"node": 2, "from_s": 1}]', "faults[0]", "adds nothing: give rate or step, other than 0", True),
+    ('"seed": 4', '"faults": [\n@{"node": 2, "from_s": 1, "step": 0}]', "faults[0]", "adds nothing: give rate or step, other than 0", False),
+    ('"seed": 4', '@"monitor": "aime"', "monitor", "must be an object", True),
+    ('"seed": 4', '"monitor": {\n@"scheme": "aime"}', "monitor.scheme",
+     "unknown key; known are window, false_alarm, jump, evidence, level, slope, separation, most", True),
+    ('"seed": 4', '"monitor": {\n@"window": 0}', "monitor.window", "must be an integer from 1 to 4096", True),
+    ('"seed": 4', '"monitor": {\n@"window": 2.5}', "monitor.window", "must be an integer from 1 to 4096", True),
+    ('"seed": 4', '"monitor": {\n@"false_alarm": 0}', "monitor.false_alarm", "must be a probability, above 0 and below 1", True),
+    ('"seed": 4', '"monitor": {\n@"false_alarm": 1}', "monitor.false_alarm", "must be a probability, above 0 and below 1", True),
+    ('"seed": 4', '"monitor": {\n@"jump": 0}', "monitor.jump", "must be a number above 0", True),
+    ('"seed": 4', '"monitor": {\n@"evidence": -1}', "monitor.evidence", "must be a log likelihood ratio above 0", True),
+    ('"seed": 4', '"monitor": {\n@"level": -1}', "monitor.level", "must be a variance, 0 or above", True),
+    ('"seed": 4', '"monitor": {\n@"slope": -1}', "monitor.slope", "must be a variance, 0 or above", True),
+    ('"seed": 4', '"monitor": {\n@"separation": -1}', "monitor.separation", "must be a number, 0 or above", True),
+    ('"seed": 4', '"monitor": {\n@"most": 33}', "monitor.most", "must be an integer from 1 to 32", True),
 ]
 
 

@@ -171,7 +171,7 @@ def test_statistics_and_exclusions(scenario, logged, options):
     close = {"rtol": 2e-3, "atol": 2e-3} if header["real"] == "float32" else {"rtol": 1e-8, "atol": 1e-8}
     slots, rows = header["slots"], np.cumsum([0, *header["rows"]])
     first = np.cumsum([0] + [len(s) for s in slots])
-    weight = [np.array([len(slots[l]) for l in s], float) for s in slots]
+    weight = [np.array([len(slots[l]) if len(slots) > 1 else 1.0 for l in s]) for s in slots]
     followers = [Follower(scenario, s, window, tail) for s in slots]
     excluded = 0
     for t, item in enumerate(items):
@@ -296,24 +296,27 @@ def test_error_before_during_and_after(run, path, tmp_path):
         assert np.isclose(said["phase_msd"][phase][0], msd[part].mean())
 
 
-def test_exclusion_helps(run, path, tmp_path):
-    """And nothing but the exclusion changes the run."""
+def test_exclusion_helps(run, scenario, path, tmp_path):
+    """The error is near that without a fault, and nothing but the exclusion changes the run."""
+    calm = tmp_path / "calm.json"
+    calm.write_text(json.dumps(scenario | {"faults": []}))
+    good = np.mean(summary(run, calm, tmp_path, "--filter", "kfd", "--runs", 10)["filters"][0]["msd_over_time"][31:121])
     errors = {scheme: summary(run, path, tmp_path, "--filter", "kfd", "--runs", 10, "--monitor", scheme)["filters"][0]["phase_msd"]
               for scheme in ("none", *SCHEMES)}
     assert errors["none"] == errors["rctm"] == errors["aime"] == errors["aime-improved"]
     assert errors["exclude"]["before"] == errors["none"]["before"]
-    assert errors["exclude"]["during"][0] < 0.2 * errors["none"]["during"][0]
+    assert errors["exclude"]["during"][0] < 1.2 * good < 0.5 * errors["none"]["during"][0]
 
 
 # --- with everything else ----------------------------------------------------------------------------------------------------
 
 def test_threads_and_resume(run, path, tmp_path):
-    options = ("--filter", "kfd", "--monitor", "exclude", "--false-alarm", 0.01, "--loss", 0.1)
+    options = ("--filter", "kfd", "--monitor", "exclude", "--false-alarm", 0.05, "--loss", 0.1)
     one = summary(run, path, tmp_path, *options, "--runs", 6, "--threads", 1)["filters"][0]
     kept = tmp_path / "kept"
     for runs in (2, 6):
         two = summary(run, path, tmp_path, *options, "--runs", runs, "--threads", 2, "--resume", kept)["filters"][0]
-    assert one["monitor"] == two["monitor"] and one["phase_msd"] == two["phase_msd"] and one["monitor"]["mistaken_exclusions"] > 0
+    assert one["monitor"] == two["monitor"] and one["phase_msd"] == two["phase_msd"] and one["monitor"]["wrong_exclusions"] > 0
     for other in (("--monitor", "aime"), ("--window", 9), ("--false-alarm", 0.02)):
         said = run("simulate", path, *options[:2], *options[2:], *other, "--resume", kept, status=2).stderr.decode()
         assert "another campaign" in said and "monitor" in said
@@ -343,7 +346,7 @@ def test_records_replay(run, path, tmp_path, real):
     records = tmp_path / "records"
     run("simulate", path, "--filter", "rkfdnu2", "--monitor", "exclude", "--loss", 0.1, "--real", real, "--record", records)
     for record in sorted(records.iterdir()):
-        assert b"equal" in run("replay", record).stdout
+        assert b"differences  none" in run("replay", record).stdout
 
 
 def test_refusals(refused, run, scenario, path, tmp_path):

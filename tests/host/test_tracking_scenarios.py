@@ -127,7 +127,7 @@ WRONG = [
     ("tracking.consensus.iterations", -1, "tracking.consensus.iterations: must be an integer from 0", True),
     ("tracking.consensus.information", "all", 'tracking.consensus.information: must be "residual" or "paper"', True),
     ("tracking.consensus.rounds", 3, "tracking.consensus.rounds: unknown key", True),
-    ("readings", 3, "readings: unknown key; known are name, model, nodes, edges, weights, tolerance, steps, seed, reading_loss, tracking", True),
+    ("readings", 3, "readings: unknown key; known are name, model, nodes, edges, weights, tolerance, steps, seed, faults, monitor, reading_loss, tracking", True),
 ]
 
 
@@ -180,7 +180,7 @@ def test_range_rate_needs_velocities(refused, tmp_path):
 def test_keys_of_tracking_are_no_keys_of_linear_scenarios(refused, tmp_path):
     linear = {"model": {"A": [[0.5]], "Q": [[1.0]]}, "nodes": [{"C": [[1.0]], "R": [[1.0]]}], "edges": []}
     SCHEMA.validate(linear)
-    for key, value, message in (("reading_loss", 0.1, "reading_loss: unknown key; known are name, model, nodes, edges, weights, tolerance, steps, seed"),
+    for key, value, message in (("reading_loss", 0.1, "reading_loss: unknown key; known are name, model, nodes, edges, weights, tolerance, steps, seed, faults, monitor"),
                                 ("model.states", ["px"], "model.states: unknown key; known are A, Q, input, x0, P0, dt_s, position_states"),
                                 ("nodes[0].sensor", "range", "nodes[0].sensor: unknown key; known are C, R, position_m")):
         wrong = change(linear, key, value)

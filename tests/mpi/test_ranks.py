@@ -32,6 +32,8 @@ def grid(width, height):
 NETWORKS = {
     "mixed": None, "projectile": None,
     "grid": network(150, grid(15, 10)),
+    "faulty": network(60, grid(10, 6), faults=[{"node": 7, "from_s": 10, "to_s": 25, "rate": 0.5}, {"node": 31, "from_s": 12, "step": 6}],
+                      monitor={"window": 5, "false_alarm": 1e-3}),
     # So many that one process, too, has them in an order of its own.
     "large": network(5000, grid(100, 50), C=lambda k: [[1.0, 0.5], [0.0, 1.0]][k % 3 // 2:], steps=3),
     "one": network(1, []), "three": network(3, ring(3)), "complete": network(9, [[i, j] for i in range(9) for j in range(i)]),
@@ -88,6 +90,8 @@ NODES, RUNS = ("--split", "nodes"), ("--split", "runs")
      [(2, *NODES), (3, *NODES), (4, *NODES)]),
     ("large", ("--filter", "rkfdnu2", "--truth", "least-favourable", "--loss", 0.1), [(1, *NODES), (2, *NODES), (3, *NODES, "--threads", 2)]),
     ("grid", ("--filter", "kfd", "--runs", 7, "--steps", 21), [(3, *NODES, "--threads", 2), (3, *RUNS, "--threads", 2), (4, *RUNS)]),
+    ("faulty", ("--filter", "kfd", "--monitor", "exclude", "--loss", 0.1, "--runs", 3), [(1, *NODES), (2, *NODES), (3, *NODES, "--threads", 2), (3, *RUNS)]),
+    ("large", ("--filter", "kfd", "--monitor", "aime-improved", "--false-alarm", 0.01, "--real", "float32"), [(2, *NODES)]),
     # A centre is not divided: its runs are shared, whatever is asked for.
     ("mixed", ("--filter", "kfc", "--loss", 0.3, "--runs", 5, "--real", "float32"), [(2, *RUNS), (3, *NODES)]),
     ("projectile", ("--filter", "rkfc", "--truth", "least-favourable", "--runs", 2), [(4, *RUNS), (2, *NODES)])])

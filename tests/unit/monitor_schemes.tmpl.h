@@ -184,7 +184,12 @@ static void NAME(unresolved)(void **unused) {
 MK_MONITOR_OF(NAME(many), PRECISION, 1, 8, 10);
 MK_MONITOR_OF(NAME(single), PRECISION, 2, 1, 3);
 
-/* One and two sensors of eight that are faulty, with innovations that are correlated throughout: found, with their offsets. */
+/* Sensors of one row, window of ten. */
+#define MANY_CONFIG(sensors)                                                                                                   \
+    {.m = 1, .places = 8, .window = 10, .threshold = threshold, .evidence = 12, .zero = zero, .back = back, .level = (REAL)0.01, \
+     .slope = (REAL)1e-4, .most = (sensors), .scheme = MK_MONITOR_EXCLUDE}
+
+/* One and two sensors of eight that are faulty, with innovations that are correlated throughout. */
 static void NAME(isolation)(void **unused) {
     (void)unused;
     static TYPE(many) monitor;
@@ -192,8 +197,7 @@ static void NAME(isolation)(void **unused) {
     assert_int_equal(NAME(mk_gate_thresholds)(1e-8, 8, threshold), MK_OK);
     assert_int_equal(NAME(mk_gate_thresholds)(1e-3, 1, zero), MK_OK);
     assert_int_equal(NAME(mk_gate_thresholds)(0.1, 1, back), MK_OK);
-    const TYPE(mk_monitor_config) config = {.m = 1, .places = 8, .window = 10, .threshold = threshold, .evidence = 12, .zero = zero, .back = back,
-                                            .level = (REAL)0.01, .slope = (REAL)1e-4, .most = 2, .scheme = MK_MONITOR_EXCLUDE};
+    const TYPE(mk_monitor_config) config = MANY_CONFIG(2);
     generator_t g = {9};
     int right = 0, trials = 200;
     for (int trial = 0; trial < trials; trial++) {
@@ -210,6 +214,30 @@ static void NAME(isolation)(void **unused) {
         right += monitor.sensor[a].faulty && monitor.sensor[b].faulty == both && monitor.core.faulty == 1 + both;
     }
     assert_true(right >= trials - 2);
+}
+
+/* Where innovations are two offsets and nothing else, the offsets are found, together, whatever their correlation, and nothing is left. */
+static void NAME(two_offsets)(void **unused) {
+    (void)unused;
+    static TYPE(many) monitor;
+    REAL threshold[8], zero[1], back[1];
+    assert_int_equal(NAME(mk_gate_thresholds)(1e-8, 8, threshold), MK_OK);
+    assert_int_equal(NAME(mk_gate_thresholds)(1e-3, 1, zero), MK_OK);
+    assert_int_equal(NAME(mk_gate_thresholds)(0.1, 1, back), MK_OK);
+    const TYPE(mk_monitor_config) config = MANY_CONFIG(4);
+    generator_t g = {19};
+    for (int trial = 0; trial < 100; trial++) {
+        const int a = draw_below(&g, 8), b = (a + 1 + draw_below(&g, 7)) % 8;
+        assert_int_equal(MANY(start)(&monitor, &config), MK_OK);
+        REAL r[8], S[36];
+        epoch_t epoch = {.sensors = 8, .id = {0, 1, 2, 3, 4, 5, 6, 7}, .rows = {1, 1, 1, 1, 1, 1, 1, 1}};
+        draw_epoch(&g, &epoch, 1.0);
+        for (int i = 0; i < 36; i++) S[i] = (REAL)epoch.S[i];
+        for (int i = 0; i < 8; i++) r[i] = i == a ? (REAL)20 : i == b ? (REAL)25 : (REAL)0;
+        assert_int_equal(MANY(watch)(&monitor, 8, epoch.id, epoch.rows, r, S), MK_OK);
+        assert_true(monitor.core.alarm && !monitor.core.unresolved && monitor.sensor[a].faulty && monitor.sensor[b].faulty);
+        for (int i = 0; i < 8; i++) assert_close((double)monitor.fault[i].level * sqrt(epoch.S[MK_PACKED(i) + i]), (double)r[i], sizeof(REAL) == 4 ? 1e-4 : 1e-12);
+    }
 }
 
 /* A monitor of a sensor that is alone: nothing is left to compare it with but the filter's prediction. */

@@ -194,6 +194,7 @@ static double without(const sums_t *sums, uint16_t id) {
 #undef PRECISION
 #undef REAL
 #undef REFUSES
+#undef MANY_CONFIG
 
 #define PRECISION f64
 #define REAL double
@@ -209,7 +210,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         BOTH(windows),  BOTH(no_drift),       BOTH(start_refused), BOTH(not_started), BOTH(refused_epochs), BOTH(nothing_read), BOTH(places),
         BOTH(rows_vary), BOTH(alarms),        BOTH(improved),      BOTH(improved_quiet), BOTH(exclude),     BOTH(taken_back),   BOTH(another_value),
-        BOTH(all_faulty), BOTH(unresolved),   BOTH(isolation),     BOTH(alone),       BOTH(watching),
+        BOTH(all_faulty), BOTH(unresolved),   BOTH(isolation),     BOTH(alone),       BOTH(watching), BOTH(two_offsets),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

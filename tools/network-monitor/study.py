@@ -91,7 +91,7 @@ def law(study: Study) -> list[dict]:
 def false_alarms(study: Study, node_steps: float) -> list[dict]:
     table = []
     for name in FILTERS:
-        for scheme, rate, most in (("rctm", 1e-4, 1), ("aime", 1e-4, 1), ("exclude", 1e-4, 1), ("rctm", 1e-6, 10), ("aime", 1e-6, 10)):
+        for scheme, rate, most in (("rctm", 1e-4, 1), ("aime", 1e-4, 1), ("exclude", 1e-4, 1), ("rctm", 1e-6, 4), ("aime", 1e-6, 4)):
             # A centre makes one node-step a step.
             wanted = node_steps * (most if name != "kfc" else 1)
             runs = math.ceil(wanted / RUN_STEPS / (1 if name == "kfc" else NODES))
@@ -189,7 +189,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--meshkal", type=Path, default=Path("build/meshkal"))
     parser.add_argument("--out", type=Path, default=Path("build/network-monitor"))
-    parser.add_argument("--node-steps", type=float, default=1e6, help="for each rate of false alarms; ten times that for the small one")
+    parser.add_argument("--node-steps", type=float, default=1e6, help="for each rate of false alarms; four times that for the small one")
     parser.add_argument("--runs", type=int, default=100, help="of each ramp")
     parser.add_argument("--rates", type=float, nargs="+", default=[0.1, 0.2, 0.5], help="of the ramp, metres a second")
     a = parser.parse_args()

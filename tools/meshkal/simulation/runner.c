@@ -56,7 +56,8 @@ void mk_runner_open(mk_runner_t *r, const mk_campaign_t *c, const mk_source_t *s
     if (team->rank != 0 || !c->log_path || !topology->id) return;
     size_t most = 8 * wide * (size_t)r->total;
     if (8 * rows > most) most = 8 * rows;
-    if ((size_t)s->first[s->nodes] > most) most = (size_t)s->first[s->nodes];
+    const size_t slot = watches(r) ? 8 : 1; /* bytes of the widest that is logged of each */
+    if (slot * (size_t)s->first[s->nodes] > most) most = slot * (size_t)s->first[s->nodes];
     r->gathered = mk_allocate(most, 1);
 }
 
