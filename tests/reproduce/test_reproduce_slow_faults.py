@@ -187,7 +187,7 @@ def test_violated_property_and_missing_case_are_the_exit_status(slow, tmp_path):
 
 def log(**arrays):
     epochs = 418
-    zeros = {"monitor_alarm": 1, "monitor_ended": 1, "excluded": 8, "monitor_aime": 1, "innovation": 8, "monitor_threshold": 1}
+    zeros = {"monitor_alarm": 1, "monitor_ended": 1, "excluded": 8, "monitor_aime": 1, "innovation": 8, "monitor_threshold": 1, "error": 1}
     made = {name: np.zeros((1, epochs, width)) for name, width in zeros.items()} | {
         name: np.zeros((1, epochs, 1)) for name in ("monitor_rho", "monitor_median") if "monitor_rho" in arrays
     }
@@ -201,7 +201,9 @@ def test_what_a_log_says():
     from slow_faults.batches import Case, measure, ours, plain, shares, unending
 
     fault = (0.15, 299)
-    watched = measure(plain("ekf", fault), log(monitor_alarm=[(0, 140, 141, 1), (0, 151, 151, 1), (0, 200, 340, 1)]))
+    error = [(0, 1, 150, 9.0), (0, 151, 299, 2.0), (0, 300, 418, 9.0)]
+    watched = measure(plain("ekf", fault), log(monitor_alarm=[(0, 140, 141, 1), (0, 151, 151, 1), (0, 200, 340, 1)], error=error))
+    assert watched.position_m == 2.0
     assert (watched.alarm[0], watched.false[0], watched.after[0], np.isnan(watched.end[0])) == (151, 2, 41, True)
     # Before the alarm an end says nothing; one in time.
     watched = measure(plain("rekf-t", fault), log(monitor_alarm=[(0, 200, 301, 1)], monitor_ended=[(0, 180, 180, 1), (0, 302, 302, 1)]))

@@ -32,11 +32,11 @@ NEAR = clairvoyant.NEAR
 AFTER = 60
 # The published rule's eta, and the evidence that ours asks for.
 ETA = 20.0
-ETAS = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, ETA, 28.0, 40.0, 60.0, 100.0)
+ETAS = (3.0, 5.0, 7.0, 10.0, 14.0, ETA, 28.0, 40.0, 60.0, 100.0)
 EVIDENCE = (2.0, 4.0, 7.0, 18.0)
 NEVER = 1e30
 _KEYS = ("monitor_alarm", "monitor_ended", "monitor_aime", "monitor_threshold", "monitor_rho", "monitor_median")
-_KEYS += ("excluded", "end_ratio", "innovation")
+_KEYS += ("excluded", "end_ratio", "innovation", "error")
 QUANTILES = (0.05, 0.5, 0.95)
 
 Fault = tuple[float, int]  # rate, m/s; last second
@@ -100,6 +100,7 @@ class Watched:
     statistic: np.ndarray
     innovation: np.ndarray
     mean_innovation: np.ndarray
+    position_m: float  # RMS of the position's error while the fault is on
     one: dict[str, np.ndarray]
 
     def offset(self, last: int, eta: float | None = None) -> np.ndarray:
@@ -207,6 +208,7 @@ def measure(case: Case, log: dict[str, np.ndarray]) -> Watched:
         statistic=_quantiles(statistic),
         innovation=_quantiles(innovation),
         mean_innovation=innovation.mean(axis=0),
+        position_m=float(np.sqrt(np.mean(log["error"][:, (t > BEGIN_S) & (t <= last)] ** 2))),
         one={name: log[name][0, :, column].astype(float) for name, column in names.items() if name in log},
     )
 

@@ -28,6 +28,8 @@ def write(out: Path, batches: list[Batch]) -> None:
         plots.save(out / "statistic.png", statistic, batch)
         plots.save(out / "ratio.png", ratio, batch)
         plots.save(out / "ends.png", ends, batch)
+    # Ten panels: smaller.
+    with plt.rc_context(plots.STYLE | {"savefig.dpi": 120}):
         plots.save(out / "roc.png", roc, batch)
 
 
@@ -167,7 +169,7 @@ _FLOOR = 2e-4  # where none of the runs is shown on the logarithmic axis
 
 
 def roc(batch: Batch) -> Figure:
-    figure, panels = plt.subplots(2, len(FAULTS), sharex=True, sharey="row", figsize=(10.8, 4.9))
+    figure, panels = plt.subplots(2, len(FAULTS), sharex=True, sharey="row", figsize=(9.6, 4.6))
     early = np.geomspace(_FLOOR, 1.0, 200)
     for column, fault in zip(panels.T, FAULTS):
         limit = batch.limit[fault]
@@ -186,12 +188,12 @@ def roc(batch: Batch) -> Figure:
                 _points(axes, declared, part, colour, label, default)
             axes.set_xscale("log")
             axes.set_xlim(_FLOOR / 1.3, 1.0)
-        column[0].set_title(fault_name(fault), fontsize=10)
-        column[1].set_xticks([_FLOOR, 1e-3, 1e-2, 1e-1, 1], ["0", "0.1", "1", "10", "100"])
+        column[0].set_title(fault_name(fault), fontsize=9)
+        column[1].set_xticks([_FLOOR, 1e-3, 1e-2, 1e-1, 1], ["0", "0.1", "1", "10", "100"], fontsize=9)
         column[1].minorticks_off()
         column[1].set_xlabel("early ends, %")
-    panels[0, 0].set_ylabel(f"within {NEAR} epochs, %")
-    panels[1, 0].set_ylabel("first epoch without fault, %")
+    panels[0, 0].set_ylabel(f"within {NEAR} epochs, %", fontsize=10)
+    panels[1, 0].set_ylabel("exact, %", fontsize=10)
     for row in panels:
         row[0].set_ylim(0, 104)
     figure.legend(*panels[0, 0].get_legend_handles_labels(), ncols=4, loc="outside lower center", fontsize=10)

@@ -68,14 +68,15 @@ def _quantiles(values: np.ndarray) -> list[str]:
 
 
 def alarms(batch: Batch) -> str:
-    header = ["alarm, s", "rate, m/s", "mean", "median", "5 .. 95 %", "published", "independent, mean"]
+    header = ["alarm, s", "rate, m/s", "mean", "median", "5 .. 95 %", "published", "independent, mean", "position, RMS while the fault is on, m"]
     body = []
-    for scheme in published.SCHEMES:
+    for scheme in (*published.SCHEMES, "ours"):
         for rate in RATES:
-            values = batch.of[plain(scheme, (rate, 299))].alarm
-            paper = published.ALARM_S[scheme].get(rate)
-            beside = [f"{paper:g}" if paper else "-", f"{published.INDEPENDENT_ALARM_S[scheme][rate]:g}"]
-            body.append([f"{LABEL[scheme]} + {MONITOR[scheme]}", f"{rate:.2f}", _mean(values), *_quantiles(values), *beside])
+            name = "REKF-t, ours" if scheme == "ours" else f"{LABEL[scheme]} + {MONITOR[scheme]}"
+            watched = batch.of[ours((rate, 299)) if scheme == "ours" else plain(scheme, (rate, 299))]
+            paper, independent = (of.get(scheme, {}).get(rate) for of in (published.ALARM_S, published.INDEPENDENT_ALARM_S))
+            beside = [f"{value:g}" if value else "-" for value in (paper, independent)]
+            body.append([name, f"{rate:.2f}", _mean(watched.alarm), *_quantiles(watched.alarm), *beside, f"{watched.position_m:.2f}"])
     return tables.table(header, body)
 
 
