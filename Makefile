@@ -23,7 +23,7 @@ HOST_SOURCES = $(wildcard port/host/*.c tools/meshkal/*.c tools/meshkal/*/*.c)
 HOST_OBJECTS = $(HOST_SOURCES:%.c=$(BUILD)/%.o)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup all mpi run reproduce test bench clean
+.PHONY: help setup all mpi run reproduce network-monitor test bench clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 27
@@ -115,6 +115,9 @@ DRAWS = 30
 
 reproduce: all ## four published experiments over 30 random draws (DRAWS=N): tables, figures and recordings in build/reproduce/
 	@$(PYTHON) tools/reproduce --meshkal $(PROGRAM) --out $(BUILD)/reproduce --draws $(DRAWS)
+
+network-monitor: all ## monitors on the published network: false alarms, time to alert, error: tables in build/network-monitor/
+	@$(PYTHON) tools/network-monitor/study.py --meshkal $(PROGRAM) --out $(BUILD)/network-monitor
 
 # --- test and bench --------------------------------------------------------------------------------------------------------
 

@@ -15,8 +15,10 @@
  * Which sensor. Leaving sensor j out of the pooled estimate takes w_j = v_j' (I_jj)^-1 v_j from q_A, which is chi-square with its rows where all are good
  * (Baarda's test of the average). The sensor whose leaving brings what is left nearest to its threshold is the suspect; where that does not bring it
  * below, a second one is sought among the others, given an offset of the first, and on, `most` at a time at most. Where no `most` sensors explain
- * the alarm, or the last of them does it hardly better than another, nobody is suspected: unresolved. w of one less w of another is twice the logarithm
- * of the likelihood ratio of their offsets: with `separation` s, the wrong one of two, of a row each, is taken with a probability below exp(-s / 2).
+ * the alarm, or the last of them does it hardly better than another, nobody is suspected: unresolved. w of one less w of another is twice the
+ * logarithm of the likelihood ratio of their offsets: with `separation` s, the wrong one of two, of a row each, is taken with a probability below
+ * exp(-s / 2). After `patience` unresolved epochs in a row the alarm is not left alone any longer: those who explain it are held, or, where none
+ * do, the first suspect alone. separation 10 and patience 5 are good values with eight sensors (tests/host/integrity_guard.py).
  *
  * When it is over. A sensor held faulty is not in the sums, but its innovations, which the filter computes without it, are looked at, with unit
  * variance: u = L^-1 r_j, S_jj = L L'. While the fault goes on, a Kalman filter of level b and slope s follows each row; when it is over, u is normal.
@@ -72,7 +74,8 @@ enum { MK_MONITOR_RCTM, MK_MONITOR_AIME, MK_MONITOR_IMPROVED, MK_MONITOR_EXCLUDE
         mk_##real##_t evidence;         /* h of the end of a fault, > 0: mk_monitor_evidence */                               \
         const mk_##real##_t *zero, *back;   /* m each: its c_0, c_back for 1, 2, .. rows: mk_gate_thresholds(1e-3, ..), (0.1, ..) */ \
         mk_##real##_t level, slope;     /* its q_level, q_slope, >= 0 */                                                      \
-        uint16_t most;                  /* MK_MONITOR_EXCLUDE: sensors held faulty at a time */                               \
+        uint16_t most;                  /* MK_MONITOR_EXCLUDE: sensors held faulty at a time, >= 1 */                         \
+        uint16_t patience;              /* MK_MONITOR_EXCLUDE: epochs in a row that stay unresolved; 0: any number */         \
         uint8_t scheme;                 /* MK_MONITOR_ */                                                                     \
     } mk_monitor_config_##real##_t;                                                                                           \
                                                                                                                               \
@@ -111,6 +114,7 @@ enum { MK_MONITOR_RCTM, MK_MONITOR_AIME, MK_MONITOR_IMPROVED, MK_MONITOR_EXCLUDE
         uint32_t rejected;                    /* epochs refused */                                                            \
         uint16_t front, back;                 /* epochs in each of the two stacks */                                          \
         uint16_t quiet;                       /* MK_MONITOR_IMPROVED: epochs of RCTM alone that are left */                   \
+        uint16_t waited;                      /* MK_MONITOR_EXCLUDE: unresolved epochs in a row */                            \
         mk_##real##_t rhos[3];                /* the last three */                                                            \
     } mk_monitor_##real##_t;                                                                                                  \
                                                                                                                               \

@@ -99,7 +99,7 @@ enum { MK_RULE_NONE, MK_RULE_INNOVATION, MK_RULE_MAHALANOBIS };
         uint16_t increments;                /* N >= 1 */                                                                      \
         uint8_t update, rule;               /* MK_UPDATE_, MK_RULE_ */                                                        \
         uint8_t one_at_a_time;              /* 1: functions are called for single points */                                   \
-        const mk_row_weights_##real##_t *weights; /* robust gain (meshkal/weights.h), of MK_UPDATE_UNSCENTED and _EXTENDED; null: none */ \
+        const mk_row_weights_##real##_t *weights; /* robust gain (meshkal/weights.h) of MK_UPDATE_UNSCENTED and _EXTENDED; null: none */ \
     } mk_unscented_config_##real##_t;                                                                                         \
                                                                                                                               \
     /* What every filter has; first member `core` of every filter type. Read, do not write. */                                \
@@ -157,19 +157,20 @@ MK_DECLARE_UNSCENTED_CORE(f64)
  * The typed functions; T is mk_<real>_t.
  *
  * name_start(f, config)        x0, P0, no readings. ARGUMENT, SHAPE, NOT_FINITE, NOT_POSITIVE_DEFINITE (P0, Q or some R); also of the gate's
- *                              thresholds, which are not negative.
+ *                              thresholds, which are not negative, and of the weights': 0 < k0 < k1 or both 0; ARGUMENT with another update.
  * name_restart(f, x0, P0)      the same with other values; readings that wait are dropped, counters stay.
  * name_predict(f, dt, Q)       one prediction over dt seconds (> 0, or 0); Q packed, null: the configuration's. ORDER (before start), ARGUMENT,
  *                              NOT_FINITE, NOT_POSITIVE_DEFINITE (Q, or what is predicted), what the model's function returned.
  * name_put(f, slot, z)         a reading, `rows` numbers. NOT_FINITE, REPEATED (already one since the last update): dropped and counted.
  * name_drop(f, slot)           the reading of this slot is no longer there.
- * name_update(f)               uses and clears the readings. OK also where the gate refused them all: x and P are then the prediction.
+ * name_update(f)               uses and clears the readings. OK also where gate or weights refused them all: x and P are then the prediction.
+ *                              With weights nis stays e' S^-1 e, of all rows that the gate left.
  *                              NOT_POSITIVE_DEFINITE (R + Omega), NOT_FINITE, what a sensor's function returned.
  * name_estimate(f)             x, n numbers; name_root(f): L, packed lower triangular rows, L L' = P.
  * name_covariance(f, P)        P, packed.
  * name_contribution(f, s, S)   the readings as information (spec 4.1), gated, R + Omega being their noise: S = H' (R + Omega)^-1 H, packed n,
  *                              s = H' (R + Omega)^-1 (nu + H x), n numbers, H = D L^-1. They are used up; x and P do not change. Both
- *                              are zero where there is none. without_residual of the kernel: R alone, as published.
+ *                              are zero where there is none. Without weights. without_residual of the kernel: R alone, as published.
  * name_inform(f, scale, s, S)  the update from information: P^-1 := P^-1 + scale S, x := P (P_old^-1 x + scale s). S need not be positive
  *                              semidefinite, as long as the sum is positive definite. ARGUMENT, NOT_FINITE, NOT_POSITIVE_DEFINITE.
  * name_innovations(f, T r[slots x m], T S[MK_PACKED(slots x m)], uint8_t rows[slots])

@@ -112,7 +112,8 @@ static int read_weights(mk_reader_t *reader, json_t *object, mk_navigation_t *na
     if (!(k[0] > 0.0 && k[1] > k[0])) return mk_read_bad(reader, "model.navigation.weights.normal", "must be k0 and k1 with 0 < k0 < k1");
     const double *const p = nav->significance;
     if (!(p[1] > 0.0 && p[0] > p[1] && p[0] < 1.0))
-        return mk_read_bad(reader, "model.navigation.weights.significance", "must be those of k0 and k1, two-sided, between 0 and 1, the first one above the other");
+        return mk_read_bad(reader, "model.navigation.weights.significance",
+                           "must be those of k0 and k1, two-sided, between 0 and 1, the first one above the other");
     return 1;
 }
 

@@ -28,8 +28,9 @@ bench: $(BENCH_DIR)/bench $(BENCH_DIR)/unscented $(PROGRAM)
 # are named, and the others go on.
 .PHONY: bench-unscented
 PYTHON ?= python3
-bench-unscented: $(BENCH_DIR)/unscented
+bench-unscented: $(BENCH_DIR)/unscented $(BENCH_DIR)/weights
 	@echo && $(BENCH_DIR)/unscented $(BENCH_DIR)
+	@echo && $(BENCH_DIR)/weights
 	@rm -f $(BENCH_DIR)/unscented-rust.txt
 	@if RUSTFLAGS="-C target-cpu=native" cargo build --quiet --release --locked --manifest-path tests/bench/rust/Cargo.toml --target-dir $(BENCH_DIR)/rust; \
 	  then $(BENCH_DIR)/rust/release/unscented $(BENCH_DIR) > $(BENCH_DIR)/unscented-rust.txt; \
@@ -41,7 +42,9 @@ bench-unscented: $(BENCH_DIR)/unscented
 
 $(BENCH_DIR)/unscented: $(addprefix $(BENCH_DIR)/,unscented.o unscented_meshkal.o unscented_eigen.o library.o)
 	$(CXX) -o $@ $^ -lm
-$(BENCH_DIR)/unscented_eigen.o: BENCH_FLAGS += -w
+$(BENCH_DIR)/weights: $(addprefix $(BENCH_DIR)/,weights.o library.o)
+	$(CXX) -o $@ $^ -lm
+$(BENCH_DIR)/unscented_eigen.o $(BENCH_DIR)/weights.o: BENCH_FLAGS += -w
 $(BENCH_DIR)/unscented_meshkal.o: tests/bench/unscented_meshkal.tmpl.h
 
 # Processes and threads: needs Open MPI and METIS. BENCH_SCALING_ARGS=--full divides a million nodes.

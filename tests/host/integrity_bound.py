@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """What no decision on the end of a fault can beat by much: a test that knows the ramp, its start and all covariances (own, beside spec 3.3).
 
-The ramp known, it is subtracted, and the Kalman filter with all rows is optimal: while the fault goes on its innovations are white, N(0, S). When the
-fault ended at t0 the subtraction is wrong by -b(t) from t0 on, and the innovations have the mean d(t0, t) that the filter answers to it. Page's test
-with these known means, maximised over t0, is the clairvoyant decision; d, S and the gains do not depend on the data."""
+The ramp known, it is subtracted, and the Kalman filter with all rows is optimal: while the fault goes on its innovations are white, N(0, S).
+When the fault ended at t0 the subtraction is wrong by -b(t) from t0 on, and the innovations have the mean d(t0, t) that the filter answers to
+it. Page's test with these known means, maximised over t0, is the clairvoyant decision; d, S and the gains do not depend on the data."""
 import numpy as np
 
 import integrity_model as model
@@ -25,7 +25,7 @@ def gains(Phis, Qs, H):
 
 
 def answers(Phis, H, Ks, Ws, fault, row, onset, lags):
-    """Whitened mean of the innovations of epochs onset .. onset + lags - 1 (indices) when `fault`, subtracted, is gone since onset: (lags, n)."""
+    """Whitened means of the innovations of indices onset .. onset + lags - 1 when `fault`, subtracted, is gone since onset: (lags, n)."""
     e, d = np.zeros(model.STATES), np.zeros((lags, len(H)))
     for lag in range(lags):
         k = onset + lag

@@ -21,9 +21,10 @@ each later epoch, before the filter's update, as long as the row is held faulty 
     where n = M:  T^2 <= z_back M:  over.  Else n = T = 0
 A row that was not read: its prediction alone (first line).
 
-h = log(horizon / early): a run of Page's test ends early with a probability of at most `early` in `horizon` epochs, because the likelihood ratio
-has mean 1 while the fault goes on. `trust` keeps what speaks for the end from dragging the tracker along. z_jump, z_accept, z_back: upper chi-square quantiles with one degree of freedom (several rows: t' t against as many
-degrees). The last line takes back a sensor whose fault is too small to be told from none: a wrong isolation, or a fault that shrank away.
+h = log(horizon / early): Page's test ends early with a probability of about `early` at most in `horizon` epochs, since the likelihood ratio has
+mean 1 while the fault goes on as the tracker models it. `trust` keeps what speaks for the end from dragging the tracker along.
+z_jump, z_accept, z_back: upper chi-square quantiles with one degree of freedom (several rows: t' t against as many degrees). The last line takes
+back a sensor whose fault is too small to be told from none: a wrong isolation, or a fault that shrank away.
 """
 import numpy as np
 from scipy import stats

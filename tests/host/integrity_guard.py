@@ -11,12 +11,13 @@ import integrity_model as model
 import integrity_reference as reference
 
 
-def run(zs, Phis, Qs, H, scheme='rekf-t', exclude=True, false_alarm=8e-10, M=10, keep=(), most=3, separation=10.0, patience=5, R=None, P0=None, **options):
-    """zs: (epochs, runs, n). Returns arrays (epochs, runs): row (isolated in this epoch, -1: none); (epochs, runs, n): faulty (after this epoch),
-    over, back, changed, r, s (= S_jj); of the names in `keep` also x, b, q_a. exclude False: the weights of `scheme` alone protect the filter."""
+def run(zs, Phis, Qs, H, scheme='rekf-t', exclude=True, false_alarm=8e-10, M=10, keep=(), most=3, separation=10.0, patience=5, **options):
+    """zs: (epochs, runs, n). Returns arrays (epochs, runs): row (isolated in this epoch, -1: none); (epochs, runs, n): faulty (after this
+    epoch), over, back, changed, r, s (= S_jj); of the names in `keep` also x, b, q_a, S. `most` rows are held faulty at a time, at most.
+    exclude False: the weights of `scheme` alone protect the filter."""
     epochs, runs, n = zs.shape
-    R = model.SIGMA**2 * np.eye(n) if R is None else R
-    x, P = np.zeros((runs, model.STATES)), np.tile(model.initial_covariance() if P0 is None else P0, (runs, 1, 1))
+    R = model.SIGMA**2 * np.eye(n)
+    x, P = np.zeros((runs, model.STATES)), np.tile(model.initial_covariance(), (runs, 1, 1))
     faulty, everyone = np.zeros((runs, n), bool), np.ones((runs, n), bool)
     window_r, window_i = np.zeros((M, runs, n)), np.zeros((M, runs, n, n))
     test = integrity_end.EndOfFault((runs, n), window=M, **options)

@@ -12,7 +12,8 @@ WINDOW = 10
 
 def published_rule(q_a, q_r, alarmed_since, ratios, eta, floor=0.1, length=3):
     """One epoch of the published rule. `ratios` are the ratios since the alarm, oldest first, this epoch's not yet among them.
-    Returns the ratio, ratio - median of the last three (this one among them), and whether that ends the fault: from two epochs after the alarm."""
+    Returns the ratio, its excess over the median of the last three (this one among them), and whether that ends the fault: from two epochs
+    after the alarm."""
     ratio = q_a / np.maximum(q_r, floor)
     last = np.stack(ratios[-(length - 1):] + [ratio])
     excess = np.where(alarmed_since >= 2, ratio - np.median(last, axis=0), -np.inf)
@@ -26,11 +27,12 @@ def run(zs, Phis, Qs, H, scheme, improved=False, eta=2.0 * WINDOW, false_alarm=F
     R = model.SIGMA**2 * np.eye(n)
     x, P = np.zeros((runs, model.STATES)), np.tile(model.initial_covariance(), (runs, 1, 1))
     used = np.ones((runs, n), bool)
-    threshold, single = stats.chi2.isf(false_alarm, n), stats.chi2.isf(false_alarm, n)
+    threshold = stats.chi2.isf(false_alarm, n)
     window_r, window_i = np.zeros((M, runs, n)), np.zeros((M, runs, n, n))
     count, since, rctm_left = np.zeros(runs, int), np.full(runs, -1), np.zeros(runs, int)
     ratios = [np.ones(runs), np.ones(runs)]
-    out = {k: np.zeros((epochs, runs)) for k in ('q_a', 'q_r', 'alarm', 'ended', 'ratio', 'excess')} | {k: np.zeros((epochs, runs, n)) for k in ('r', 'w')}
+    out = {name: np.zeros((epochs, runs)) for name in ('q_a', 'q_r', 'alarm', 'ended', 'ratio', 'excess')}
+    out |= {name: np.zeros((epochs, runs, n)) for name in ('r', 'w')}
     for k in range(epochs):
         x, P = reference.predict(x, P, Phis[k], Qs[k])
         r, S, PHt = reference.innovate(x, P, zs[k], H, R)
@@ -41,7 +43,7 @@ def run(zs, Phis, Qs, H, scheme, improved=False, eta=2.0 * WINDOW, false_alarm=F
         q_a, _, _ = reference.aime(window_r, window_i)
         count += 1
         full = count >= M
-        alarm = np.where(rctm_left > 0, q_r > single, full & (q_a > threshold))
+        alarm = np.where(rctm_left > 0, q_r > threshold, full & (q_a > threshold))
         ended = np.zeros(runs, bool)
         if improved:
             since = np.where(alarm & (rctm_left == 0), np.where(since >= 0, since + 1, 0), -1)

@@ -20,14 +20,14 @@ class Types:
             return type(name, (ctypes.Structure,), {"_fields_": fields})
         self.config = struct("Config", ("m", c_uint16), ("places", c_uint16), ("window", c_uint16), ("threshold", c_void_p), ("jump", real),
                              ("separation", real), ("evidence", real), ("zero", c_void_p), ("back", c_void_p), ("level", real), ("slope", real),
-                             ("most", c_uint16), ("scheme", c_uint8))
+                             ("most", c_uint16), ("patience", c_uint16), ("scheme", c_uint8))
         self.watched = struct("Watched", ("id", c_uint16), ("used", c_uint8), ("rows", c_uint8), ("faulty", c_uint8), ("begun", c_uint8), ("w", real),
                               ("ratio", real), ("evidence", real), *((name, c_uint32) for name in ("speaking", "counted", "since", "until", "faults")))
         self.core = struct("Core", ("config", c_void_p), *((name, real) for name in ("rctm", "aime", "rctm_ratio", "aime_ratio", "rho", "median")),
                            *((name, c_uint16) for name in ("rows", "window_rows", "held", "faulty", "failed")),
                            *((name, c_uint8) for name in ("alarm", "ended", "unresolved")),
                            *((name, c_uint32) for name in ("epoch", "alarm_since", "alarms", "ends", "crowded", "rejected")),
-                           *((name, c_uint16) for name in ("front", "back", "quiet")), ("rhos", real * 3))
+                           *((name, c_uint16) for name in ("front", "back", "quiet", "waited")), ("rhos", real * 3))
         self.fault = struct("Fault", ("level", real), ("slope", real), ("P", real * 3), ("sum", real), ("all", real))
         self.view = struct("View", *((name, c_void_p) for name in ("core", "sensor", "fault", "information", "v", "seen", "work")))
 
@@ -37,6 +37,12 @@ TYPES = {32: Types(32), 64: Types(64)}
 
 def pack(S):
     return np.asarray(S)[np.tril_indices(len(S))]
+
+
+def covariance(g, n):
+    """Well conditioned, correlated throughout, different in every epoch."""
+    A = g.standard_normal((n, n + 2))
+    return A @ A.T / n + 0.3 * np.eye(n)
 
 
 class Monitor:

@@ -26,7 +26,7 @@ BAD = [
     (("simulate",), "simulate: the scenario file is missing"),
     (("design", "--real", "float32"), "design: the scenario file is missing"),
     (("scenario",), "scenario: the kind of scenario is missing"),
-    (("scenario", "rocket"), "scenario rocket: must be projectile, incomplete-measurements or distributed-unscented"),
+    (("scenario", "rocket"), "scenario rocket: must be projectile, incomplete-measurements, distributed-unscented or gnss-ins"),
     ((*SIM, "more.json"), "simulate: unexpected argument more.json"),
     ((*SIM, "--step", 3), "simulate: unknown option --step (meshkal help lists them)"),
     ((*DES, "--filter", "kfd"), "design: unknown option --filter"),

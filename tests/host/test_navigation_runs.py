@@ -292,6 +292,20 @@ def test_no_more_satellites_than_none(run, tmp_path, short):
     assert variance[0] > 8 and items[-1]["error"][0]**2 < 20 * (variance[0] + variance[2] + variance[5])
 
 
+@pytest.mark.parametrize("real", ["float64", "float32"])
+@pytest.mark.parametrize("value", ["1e300", "-1e12", "3e7"])
+def test_absurd_readings(run, tmp_path, short, real, value):
+    """What is no pseudorange at all is refused and counted; one that might be goes to the filter, whose weight is 0, and the monitor says so at once."""
+    scenario = draw(run, tmp_path, change(short, faults=[]))
+    rewrite(tmp_path / "pr.csv", lambda row: row | {"value": value} if row["t"] == "30" and row["satellite"] == "4" else row)
+    out, items = simulate(run, tmp_path, scenario, *recorded(tmp_path), "--filter", "rekf-t", "--monitor", "rctm", "--real", real)
+    if value == "3e7":
+        assert out["filters"][0]["failures"] == {} and items[29]["monitor_alarm"][0] and items[29]["weight"][3] == 0 and items[29]["decision"][3] == 2
+    else:
+        assert out["filters"][0]["failures"] == {"MK_ERROR_DOMAIN": 1} and items[29]["decision"][3] == 2 and not series(items, "monitor_alarm").any()
+    assert series(items, "error").max() < 10
+
+
 def test_exclusion_by_name_and_return(run, tmp_path, published):
     out, items = simulate(run, tmp_path, change(published, imu_hz=20), "--filter", "ekf", "--monitor", "exclude")
     found = out["filters"][0]["monitor"]

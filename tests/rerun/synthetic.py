@@ -66,7 +66,7 @@ class Log:
             "states": states, "positions": len(position_states or ()), "nodes": nodes, "estimators": e, "rows": [rows] * nodes, "slots": slots,
         }
         self.positions_m = positions_m
-        self.end = "complete"
+        self.end, self.dtypes = "complete", {}
         self._draw(rng, central, truth)
 
     def _draw(self, rng, central: bool, truth: bool) -> None:
@@ -108,6 +108,9 @@ class Log:
             self.arrays["truth"] = x
             self.arrays["error"] = np.linalg.norm(estimate - x[:, :, None], axis=3)
 
+    def type_of(self, key: str) -> str:
+        return self.dtypes.get(key) or self.dtype(key)
+
     def dtype(self, key: str) -> str:
         if key in ("measurements_arrived", "estimates_arrived"):
             return "u1"
@@ -125,7 +128,7 @@ class Log:
         for run in range(self.header["runs"]):
             for step in range(self.header["steps"]):
                 item = {"run": run, "step": self.first_step + step}
-                item |= {key: typed(values[run, step], self.dtype(key)) for key, values in self.arrays.items()}
+                item |= {key: typed(values[run, step], self.type_of(key)) for key, values in self.arrays.items()}
                 out.append(cbor2.dumps(item))
         out.append(cbor2.dumps({"end": self.end, "items": len(out) - 1}))
         return out

@@ -25,7 +25,7 @@ class TrackingLog(Log):
                  dimensions=2, truth=True, seed=7, iterations=4, limits=True, gate=True, positions=True, name="synthetic tracking"):
         rng = np.random.default_rng(seed)
         nodes, central = len(sensors), filter in CENTRAL
-        self.real, self.end = real, "complete"
+        self.real, self.end, self.dtypes = real, "complete", {}
         states = [*"px py pz".split()[:dimensions], *"vx vy vz".split()[:dimensions]] if positions else ["a", "b", "c", "d"]
         self.positions_m = rng.uniform(0, 100, (nodes, dimensions))
         self.limits = rng.uniform(30, 60, nodes)

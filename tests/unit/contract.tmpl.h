@@ -121,7 +121,8 @@ static void NAME(call_order)(void **unused) {
     (void)unused;
     TYPE(bench) b;
     const REAL two[] = {(REAL)1.0, (REAL)2.0};
-    REAL V[3], e[2], E[3];
+    REAL V[3], e[2], E[3], r[6], S[21];
+    uint8_t counts[3];
     NAME(bench_start)(&b);
     memset(&b.filter, 0, sizeof b.filter);
     REFUSED(&b, TINY(put_measurement)(&b.filter, 0, two), MK_ERROR_ORDER);
@@ -131,6 +132,8 @@ static void NAME(call_order)(void **unused) {
     REFUSED(&b, TINY(diffuse)(&b.filter), MK_ERROR_ORDER);
     REFUSED(&b, TINY(covariance)(&b.filter, V), MK_ERROR_ORDER);
     REFUSED(&b, TINY(predict)(&b.filter, 0, e, E), MK_ERROR_ORDER);
+    REFUSED(&b, TINY(innovations)(&b.filter, r, S, counts), MK_ERROR_ORDER);
+    REFUSED(&b, TINY(drop)(&b.filter, 0), MK_ERROR_ORDER);
 
     NAME(bench_start)(&b);
     REFUSED(&b, TINY(put_estimate)(&b.filter, 1, two), MK_ERROR_ORDER);
@@ -138,12 +141,22 @@ static void NAME(call_order)(void **unused) {
     REFUSED(&b, TINY(covariance)(&b.filter, V), MK_OK);
     assert_int_equal(TINY(put_measurement)(&b.filter, 0, two), MK_OK);
     REFUSED(&b, TINY(predict)(&b.filter, 0, e, E), MK_OK);
+    REFUSED(&b, TINY(innovations)(&b.filter, r, S, counts), MK_OK);
+    assert_true(counts[0] == 2 && counts[1] == 0 && counts[2] == 0 && r[0] == e[0] && r[1] == e[1] && S[0] == E[0] && S[1] == E[1] && S[2] == E[2]);
+    REFUSED(&b, TINY(innovations)(&b.filter, NULL, S, counts), MK_ERROR_ARGUMENT);
+    REFUSED(&b, TINY(innovations)(&b.filter, r, NULL, counts), MK_ERROR_ARGUMENT);
+    REFUSED(&b, TINY(innovations)(&b.filter, r, S, NULL), MK_ERROR_ARGUMENT);
+    REFUSED(&b, TINY(drop)(&b.filter, 3), MK_ERROR_ARGUMENT);
+    REFUSED(&b, TINY(drop)(&b.filter, -1), MK_ERROR_ARGUMENT);
+    REFUSED(&b, TINY(drop)(&b.filter, 1), MK_OK);
     assert_int_equal(TINY(incremental)(&b.filter, NULL), MK_OK);
 
     REFUSED(&b, TINY(put_measurement)(&b.filter, 1, two), MK_ERROR_ORDER);
     REFUSED(&b, TINY(put_innovation)(&b.filter, 1, two), MK_ERROR_ORDER);
     REFUSED(&b, TINY(incremental)(&b.filter, NULL), MK_ERROR_ORDER);
     REFUSED(&b, TINY(predict)(&b.filter, 0, e, E), MK_ERROR_ORDER);
+    REFUSED(&b, TINY(innovations)(&b.filter, r, S, counts), MK_ERROR_ORDER);
+    REFUSED(&b, TINY(drop)(&b.filter, 0), MK_ERROR_ORDER);
     REFUSED(&b, TINY(covariance)(&b.filter, V), MK_OK);
     assert_true(b.filter.core.steps == 0);
     assert_int_equal(TINY(diffuse)(&b.filter), MK_OK);

@@ -170,6 +170,13 @@ static void NAME(unresolved)(void **unused) {
     s.config.most = 1;
     assert_int_equal(NAME(tell)(&s, 7, 9, 9, -9), MK_OK);
     assert_true(s.monitor.core.alarm && s.monitor.core.unresolved && s.monitor.core.faulty == 0 && s.monitor.core.held == 1);
+    /* Not for ever: the first suspect, without the others, is held in the end. */
+    s.config.patience = 2;
+    assert_int_equal(NAME(tell)(&s, 7, 9, 9, -9), MK_OK);
+    assert_true(s.monitor.core.unresolved && s.monitor.core.waited == 2);
+    assert_int_equal(NAME(tell)(&s, 7, 9, 9, -9), MK_OK);
+    assert_true(s.monitor.core.alarm && !s.monitor.core.unresolved && s.monitor.core.faulty == 1 && s.monitor.core.waited == 0);
+    assert_true(SMALL(faulty)(&s.monitor, 3)); /* all stand out, this one to the other side of what they have in common */
     NAME(stand_up)(&s, MK_MONITOR_EXCLUDE);
     s.config.separation = 6;
     assert_int_equal(NAME(tell)(&s, 3, 5.0, -4.6, 0), MK_OK);

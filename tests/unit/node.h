@@ -37,6 +37,9 @@ typedef struct {
     mk_status_t (*sensor)(node_t *node, const model_t *model, int slot);
     mk_status_t (*put)(node_t *node, int slot, const double *values, int is_innovation);
     mk_status_t (*predict)(node_t *node, int slot, double *e, double *variance);
+    /* S full, rows x rows of what is there. */
+    mk_status_t (*innovations)(node_t *node, double *r, double *S, uint8_t *rows);
+    mk_status_t (*drop)(node_t *node, int slot);
     mk_status_t (*incremental)(node_t *node, const double *input);
     mk_status_t (*put_estimate)(node_t *node, int slot, const double *psi);
     mk_status_t (*diffuse)(node_t *node);

@@ -139,6 +139,29 @@ static mk_status_t NAME(node_predict)(node_t *node, int slot, double *e, double 
     return status;
 }
 
+static mk_status_t NAME(node_innovations)(node_t *node, double *r, double *S, uint8_t *rows) {
+    TYPE(unit_node) *const f = (void *)node;
+    const TYPE(mk_rkfd_view) view = NAME(view)(f);
+    REAL innovation[LARGEST_STACK], packed[MK_PACKED(LARGEST_STACK)];
+    double wide[MK_PACKED(LARGEST_STACK)];
+    int count = 0;
+    for (int i = 0; i < WORK; i++) f->work[i] = (REAL)7.0;
+    const mk_status_t status = NAME(mk_rkfd_innovations)(f->config.n, f->config.m, f->config.slots, &view, innovation, packed, rows);
+    for (int i = MK_RKFD_INNOVATIONS_WORK(f->config.n, f->config.m); i < WORK; i++)
+        if (!(f->work[i] == (REAL)7.0)) abort(); /* beyond its work */
+    if (status != MK_OK) return status;
+    for (int l = 0; l < f->config.slots; l++) count += rows[l];
+    NAME(widen)(count, innovation, r);
+    NAME(widen)(MK_PACKED(count), packed, wide);
+    unpack(count, wide, S);
+    return status;
+}
+
+static mk_status_t NAME(node_drop)(node_t *node, int slot) {
+    const TYPE(mk_rkfd_view) view = NAME(view)((void *)node);
+    return NAME(mk_rkfd_drop)(&view, slot);
+}
+
 static mk_status_t NAME(node_incremental)(node_t *node, const double *input) {
     TYPE(unit_node) *const f = (void *)node;
     const TYPE(mk_rkfd_view) view = NAME(view)(f);
@@ -220,6 +243,8 @@ const precision_t PRECISION = {
     NAME(node_sensor),
     NAME(node_put),
     NAME(node_predict),
+    NAME(node_innovations),
+    NAME(node_drop),
     NAME(node_incremental),
     NAME(node_put_estimate),
     NAME(node_diffuse),

@@ -124,6 +124,13 @@ void reference_variance(const model_t *model, const reference_t *state, int slot
     innovation_variance(model->rows[slot], model->n, model->C[slot], state->V, model->R[slot], result);
 }
 
+int reference_innovations(const model_t *model, const reference_t *state, const double *const *y, double *e, double *result) {
+    double C[LARGEST_STACK * LARGEST_N], R[LARGEST * LARGEST];
+    const int rows = stack(model, y, state->x, C, R, e);
+    innovation_variance(rows, model->n, C, state->V, R, result);
+    return rows;
+}
+
 void reference_incremental(const model_t *model, reference_t *state, const double *const *y, const double *input, double c) {
     const int n = model->n;
     double C[LARGEST_STACK * LARGEST_N], R[LARGEST * LARGEST], e[LARGEST_STACK];

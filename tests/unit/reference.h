@@ -51,6 +51,9 @@ void reference_diffuse(const model_t *model, reference_t *state, const double *c
 /* C V C' + R of one sensor, rows x rows. */
 void reference_variance(const model_t *model, const reference_t *state, int slot, double *result);
 
+/* The same of all sensors that arrived together, and y - C x; returns the rows. */
+int reference_innovations(const model_t *model, const reference_t *state, const double *const *y, double *e, double *result);
+
 /* One step of the textbook Kalman filter in gain form, x and V from one prediction to the next. */
 void reference_kalman(const model_t *model, const double *const *y, const double *input, double *x, double *V);
 

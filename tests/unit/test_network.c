@@ -74,6 +74,53 @@ static void order_of_arrival(void **unused) {
     }
 }
 
+/* A reading that is dropped was never there: everything that can be seen of the filter, bit for bit. It may come once more. */
+static void dropped(void **unused) {
+    (void)unused;
+    for (int k = 0; k < 2; k++) {
+        generator_t g = {27};
+        for (int trial = 0; trial < 40; trial++) {
+            model_t model;
+            seen_t a, b;
+            const int n = 1 + trial % 9, slots = 2 + trial % 5;
+            draw_model(&g, n, 1 + trial % 3, slots, 0.95, &model);
+            node_t *const first = both[k]->make(&model), *const second = both[k]->make(&model);
+            assert_int_equal(both[k]->drop(first, 0), MK_ERROR_ORDER);
+            assert_int_equal(both[k]->start(first), MK_OK);
+            assert_int_equal(both[k]->start(second), MK_OK);
+            assert_int_equal(both[k]->drop(first, -1), MK_ERROR_ARGUMENT);
+            assert_int_equal(both[k]->drop(first, slots), MK_ERROR_ARGUMENT);
+            for (int step = 0; step < 10; step++) {
+                for (int l = 0; l < slots; l++) {
+                    double y[LARGEST_M], wrong[LARGEST_M];
+                    const int there = draw_chance(&g, 0.6), put = draw_chance(&g, 0.5);
+                    for (int i = 0; i < LARGEST_M; i++) {
+                        y[i] = draw_normal(&g);
+                        wrong[i] = 1e6 * draw_normal(&g);
+                    }
+                    round_to_float(LARGEST_M, y);
+                    round_to_float(LARGEST_M, wrong);
+                    if (put) assert_int_equal(both[k]->put(second, l, wrong, draw_chance(&g, 0.5)), MK_OK);
+                    assert_int_equal(both[k]->drop(second, l), MK_OK);
+                    if (!there) continue;
+                    assert_int_equal(both[k]->put(first, l, y, 0), MK_OK);
+                    assert_int_equal(both[k]->put(second, l, y, 0), MK_OK);
+                }
+                assert_int_equal(both[k]->incremental(first, NULL), MK_OK);
+                assert_int_equal(both[k]->incremental(second, NULL), MK_OK);
+                assert_int_equal(both[k]->drop(second, 0), MK_ERROR_ORDER);
+                assert_int_equal(both[k]->see(first, &a), MK_OK);
+                assert_int_equal(both[k]->see(second, &b), MK_OK);
+                assert_memory_equal(&a, &b, sizeof a);
+                assert_int_equal(both[k]->diffuse(first), MK_OK);
+                assert_int_equal(both[k]->diffuse(second), MK_OK);
+            }
+            node_free(first);
+            node_free(second);
+        }
+    }
+}
+
 /* Everyone hears everyone, weights equal: each node is the central filter (spec 1.3), robust or not. Node k has its own sensor in
    slot 0, so the nodes add the same numbers in different orders. */
 static void complete_graph(void **unused) {
@@ -189,6 +236,7 @@ static void largest_estimates(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(order_of_arrival),
+        cmocka_unit_test(dropped),
         cmocka_unit_test(complete_graph),
         cmocka_unit_test(weights),
         cmocka_unit_test(largest_estimates),

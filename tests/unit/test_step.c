@@ -118,6 +118,31 @@ static void check_predictions(const precision_t *precision, node_t *node, const 
     }
 }
 
+/* All readings together against the definition, and each for itself as predict gives it, bit for bit. */
+static void check_innovations(const precision_t *precision, node_t *node, const model_t *model, const reference_t *state, const messages_t *messages,
+                              errors_t *errors) {
+    double e[LARGEST_STACK], S[LARGEST_STACK * LARGEST_STACK], expected[LARGEST_STACK * LARGEST_STACK], expected_e[LARGEST_STACK];
+    uint8_t rows[LARGEST_SLOTS];
+    const int count = reference_innovations(model, state, messages->arrived_y, expected_e, expected);
+    int first = 0;
+    assert_int_equal(precision->innovations(node, e, S, rows), MK_OK);
+    for (int l = 0; l < model->slots; l++) {
+        double alone[LARGEST_M], variance[LARGEST_M * LARGEST_M];
+        assert_int_equal(rows[l], messages->arrived_y[l] ? model->rows[l] : 0);
+        if (rows[l]) assert_int_equal(precision->predict(node, l, alone, variance), MK_OK);
+        for (int i = 0; i < rows[l]; i++) {
+            assert_true(e[first + i] == alone[i]);
+            for (int j = 0; j < rows[l]; j++) assert_true(S[(first + i) * count + first + j] == variance[i * model->m + j]);
+        }
+        first += rows[l];
+    }
+    assert_int_equal(first, count);
+    for (int i = 0; i < count; i++)
+        for (int j = 0; j < count; j++)
+            errors->predicted = fmax(errors->predicted, fabs(S[i * count + j] - expected[i * count + j]) /
+                                                            fmax(expected[i * count + i], expected[j * count + j]));
+}
+
 static void check_incremental(const model_t *model, const reference_t *state, const seen_t *seen, const messages_t *messages,
                               double c, errors_t *errors) {
     const int n = model->n, count = arrived(model->slots, messages->arrived_y);
@@ -164,6 +189,7 @@ static void run_model(generator_t *g, const limits_t *limits, model_t *model, in
         draw_messages(g, model, &state, &messages);
         put_readings(precision, node, model, &messages);
         check_predictions(precision, node, model, &state, &messages, errors);
+        check_innovations(precision, node, model, &state, &messages, errors);
         const double *const input = draw_chance(g, 0.5) ? messages.input : NULL;
         assert_int_equal(precision->incremental(node, input), MK_OK);
         reference_incremental(model, &state, messages.arrived_y, input, c);

@@ -72,7 +72,12 @@ static double consistency(const double *L, const double *e) {
 
 /* `steps` steps of both precisions on the same readings, which come by chance; every so often a new start far off with a large P0, and long silences
    over which P grows. */
-static void run_long(int update, int steps) {
+static void run_long(int update, int steps, int robust) {
+    static const float k0[6] = {2, 2, 2, 2, 2, 2}, k1[6] = {5, 5, 5, 5, 5, 5};
+    static const double k0_twin[6] = {2, 2, 2, 2, 2, 2}, k1_twin[6] = {5, 5, 5, 5, 5, 5};
+    const mk_row_weights_f32_t weights = {k0, k1, NULL, NULL, MK_STATISTIC_NORMAL};
+    const mk_row_weights_f64_t weights_twin = {k0_twin, k1_twin, NULL, NULL, MK_STATISTIC_NORMAL};
+    int weighted = 0, unused = 0;
     generator_t g = {(uint64_t)(100 + update)};
     static single_t f;
     static twice_t twin;
@@ -82,6 +87,10 @@ static void run_long(int update, int steps) {
     int judged = 0;
     long_prepare_f32(&model, q, p, r, start_at, update);
     long_prepare_f64(&model_twin, q, p, r, start_at, update);
+    if (robust) {
+        model.config.weights = &weights;
+        model_twin.config.weights = &weights_twin;
+    }
     /* The same numbers in both. */
     for (int i = 0; i < 10; i++) {
         model_twin.Q[i] = (double)model.Q[i];
@@ -104,6 +113,9 @@ static void run_long(int update, int steps) {
         for (int i = 0; i < 4; i++) truth[i] = moved[i] + q[i] * draw_normal(&g);
         assert_int_equal(single_predict(&f, dt, NULL), MK_OK);
         assert_int_equal(twice_predict(&twin, (double)dt, NULL), MK_OK);
+        /* A weight hardly different leaves a P quite different where the prior is wide: only single updates can be compared. */
+        for (int i = 0; i < 4 && robust; i++) twin.x[i] = (double)f.x[i];
+        for (int i = 0; i < 10 && robust; i++) twin.L[i] = (double)f.L[i];
         if (silence == 0 && draw_chance(&g, 0.01)) silence = draw_below(&g, 100);
         if (silence > 0) silence--;
         for (int l = 0, k = 0; l < 3; k += model.sensor[l].rows, l++) {
@@ -112,7 +124,8 @@ static void run_long(int update, int steps) {
             float z[2];
             assert_int_equal(model_twin.sensor[l].model.function(NULL, 0.0, 1, truth, y), MK_OK);
             for (int i = 0; i < model.sensor[l].rows; i++) {
-                z[i] = (float)(y[i] + r[k + i] * draw_normal(&g));
+                const double faulty = robust && step % 1000 > 20 && draw_chance(&g, 0.1) ? 20.0 : 1.0;
+                z[i] = (float)(y[i] + faulty * r[k + i] * draw_normal(&g));
                 y[i] = (double)z[i];
             }
             assert_int_equal(single_put(&f, l, z), MK_OK);
@@ -120,6 +133,8 @@ static void run_long(int update, int steps) {
         }
         assert_int_equal(single_update(&f), MK_OK);
         assert_int_equal(twice_update(&twin), MK_OK);
+        weighted += f.core.weighted_rows;
+        unused += f.core.unused_rows;
         double e[4], e_twin[4], d[4], L[10];
         for (int i = 0; i < 10; i++) L[i] = (double)single_root(&f)[i];
         for (int i = 0; i < 4; i++) {
@@ -150,6 +165,8 @@ static void run_long(int update, int steps) {
     print_message("- update %d, %d steps: NEES %.3f in float32, %.3f in float64 (4 states); apart by %.2g standard deviations (root mean square), at "
                   "most %.2g; standard deviations %.4f to %.4f of float64's; a state is up to %.1e standard deviations large\n",
                   update, steps, nees / judged, nees_twin / judged, sqrt(apart_sum / judged / 4.0), sqrt(apart), ratio_low, ratio_high, condition);
+    if (robust) print_message("- of its rows %d had a weight below 1, %d of these none\n", weighted, unused);
+    assert_true(!robust == !weighted && weighted >= unused && (!robust || unused > steps / 100));
     assert_true(judged > 0);
     assert_true(sqrt(apart_sum / judged / 4.0) < 0.3);
     assert_true(fabs(nees - nees_twin) < 0.2 * nees_twin);
@@ -158,17 +175,89 @@ static void run_long(int update, int steps) {
 
 static void long_unscented(void **unused) {
     (void)unused;
-    run_long(MK_UPDATE_UNSCENTED, UNIT_LONG_RUN);
+    run_long(MK_UPDATE_UNSCENTED, UNIT_LONG_RUN, 0);
+}
+
+static void long_weighted(void **unused) {
+    (void)unused;
+    run_long(MK_UPDATE_UNSCENTED, UNIT_LONG_RUN / 4, 1);
+}
+
+/* Student's weights of eight rows, outliers of all sizes up to the range's end, several at a time, wide and narrow covariances: P stays positive definite. */
+MK_UNSCENTED(eight, f32, 6, 1, 8);
+static void random_weighted(void **unused) {
+    (void)unused;
+    generator_t g = {77};
+    static eight_t f;
+    bent_t motion = {6, 6, 0}, sensors[8];
+    mk_sensor_f32_t sensor[8];
+    float Q[21] = {0}, P0[21] = {0}, x0[6] = {0}, R[8], k0[8], k1[8];
+    const mk_transform_f32_t cubature = MK_TRANSFORM_CUBATURE(6);
+    const mk_row_weights_f32_t weights = {k0, k1, NULL, NULL, MK_STATISTIC_STUDENT};
+    mk_unscented_config_f32_t config;
+    int weighted = 0, none = 0, starts = 0;
+    memset(&config, 0, sizeof config);
+    memset(sensor, 0, sizeof sensor);
+    assert_int_equal(mk_weight_thresholds_f32(MK_STATISTIC_STUDENT, 0.1, 8, k0), MK_OK);
+    assert_int_equal(mk_weight_thresholds_f32(MK_STATISTIC_STUDENT, 0.01, 8, k1), MK_OK);
+    for (int l = 0; l < 8; l++) {
+        const bent_t made = {6, 1, l};
+        sensors[l] = made;
+        R[l] = (float)draw_log_uniform(&g, 1e-4, 1.0);
+        sensor[l].model.function = bent_sensor_f32;
+        sensor[l].model.jacobian = bent_sensor_slope_f32;
+        sensor[l].model.context = &sensors[l];
+        sensor[l].R = &R[l];
+        sensor[l].rows = 1;
+    }
+    config.n = 6;
+    config.m = 1;
+    config.slots = 8;
+    config.transition.model.function = bent_motion_f32;
+    config.transition.model.jacobian = bent_motion_slope_f32;
+    config.transition.model.context = &motion;
+    config.transition.Q = Q;
+    config.sensor = sensor;
+    config.x0 = x0;
+    config.P0 = P0;
+    config.transform = cubature;
+    config.increments = 1;
+    config.weights = &weights;
+    for (int step = 0; step < UNIT_LONG_RUN / 10; step++) {
+        if (step % 500 == 0) {
+            for (int i = 0; i < 6; i++) {
+                Q[MK_PACKED(i + 1) - 1] = (float)draw_log_uniform(&g, 1e-8, 1e-2);
+                P0[MK_PACKED(i + 1) - 1] = (float)draw_log_uniform(&g, 1e-4, step % 1000 ? 1.0 : 1e6);
+            }
+            config.update = step % 1000 ? MK_UPDATE_UNSCENTED : MK_UPDATE_EXTENDED;
+            assert_int_equal(eight_start(&f, &config), MK_OK);
+            starts++;
+        }
+        assert_int_equal(eight_predict(&f, (float)draw_uniform(&g, 0.0, 1.0), NULL), MK_OK);
+        const int wild = draw_below(&g, 80); /* one alone, and of five at least: two would hide each other, as they do from Student's statistic */
+        for (int l = 0; l < 8; l++) {
+            if (l > 4 && draw_chance(&g, 0.2)) continue;
+            float z = (float)draw_normal(&g);
+            if (l == wild || draw_chance(&g, 0.1)) z *= (float)draw_log_uniform(&g, 1.0, l == wild ? 1e37 : 1e2);
+            assert_int_equal(eight_put(&f, l, &z), MK_OK);
+        }
+        assert_int_equal(eight_update(&f), MK_OK);
+        weighted += f.core.weighted_rows > 0;
+        none += f.core.unused_rows > 0;
+        for (int i = 0; i < 6; i++) assert_true(eight_root(&f)[MK_PACKED(i + 1) - 1] > 0.0f && fabs((double)eight_estimate(&f)[i]) < 1e30);
+    }
+    print_message("- %d starts, %d steps with weights, %d with rows left out\n", starts, weighted, none);
+    assert_true(none > UNIT_LONG_RUN / 200);
 }
 
 static void long_progressive(void **unused) {
     (void)unused;
-    run_long(MK_UPDATE_PROGRESSIVE, UNIT_LONG_RUN / 4);
+    run_long(MK_UPDATE_PROGRESSIVE, UNIT_LONG_RUN / 4, 0);
 }
 
 static void long_iterated(void **unused) {
     (void)unused;
-    run_long(MK_UPDATE_ITERATED, UNIT_LONG_RUN / 4);
+    run_long(MK_UPDATE_ITERATED, UNIT_LONG_RUN / 4, 0);
 }
 
 #define BOTH(tag) cmocka_unit_test(tag##f32_typed), cmocka_unit_test(tag##f64_typed)
@@ -176,7 +265,7 @@ static void long_iterated(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(transforms), BOTH(least), BOTH(wide), BOTH(tracker), BOTH(many), BOTH(tall),
-        cmocka_unit_test(long_unscented), cmocka_unit_test(long_progressive), cmocka_unit_test(long_iterated),
+        cmocka_unit_test(long_unscented), cmocka_unit_test(long_weighted), cmocka_unit_test(random_weighted), cmocka_unit_test(long_progressive), cmocka_unit_test(long_iterated),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

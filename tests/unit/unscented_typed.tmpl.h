@@ -16,7 +16,9 @@ static void OWN(_typed)(void **unused) {
         REAL z[M], s[N], S[MK_PACKED(N)];
         const TYPE(mk_gate) gate = {single, together, 2, (uint8_t)(kind % 2)};
         const TYPE(mk_transform) cubature = MK_TRANSFORM_CUBATURE(N), scaled = MK_TRANSFORM_SCALED(N, (REAL)0.5, (REAL)2.0, (REAL)1.0);
-        TYPE(mk_unscented_config) config;
+        REAL k0[M * SLOTS], k1[M * SLOTS], weight[2][M * SLOTS], statistic[2][M * SLOTS];
+        TYPE(mk_row_weights) weights[2] = {{k0, k1, weight[0], statistic[0], (uint8_t)(kind % 2)}, {k0, k1, weight[1], statistic[1], (uint8_t)(kind % 2)}};
+        TYPE(mk_unscented_config) config, twin;
         memset(&config, 0, sizeof config);
         memset(sensor, 0, sizeof sensor);
         for (int i = 0; i < N; i++) {
@@ -52,6 +54,13 @@ static void OWN(_typed)(void **unused) {
         config.update = (uint8_t)(kind % 6 % 5);
         config.rule = (uint8_t)(kind % 3);
         config.one_at_a_time = (uint8_t)(kind % 4 == 3);
+        assert_int_equal(NAME(mk_weight_thresholds)(kind % 2, 0.5, M * SLOTS, k0), MK_OK);
+        assert_int_equal(NAME(mk_weight_thresholds)(kind % 2, 0.1, M * SLOTS, k1), MK_OK);
+        memset(weight, 0, sizeof weight);
+        memset(statistic, 0, sizeof statistic);
+        if (kind >= 5 && config.update <= MK_UPDATE_EXTENDED) config.weights = &weights[0];
+        twin = config;
+        if (twin.weights) twin.weights = &weights[1];
 
         OWN(_t) *f = calloc(1, sizeof *f);
         TYPE(mk_unscented_view) view;
@@ -63,7 +72,8 @@ static void OWN(_typed)(void **unused) {
         view.record = calloc(SLOTS, sizeof *view.record);
         view.work = malloc(sizeof(REAL) * MK_UNSCENTED_WORK(N, M, SLOTS));
         assert_int_equal(OWN(_start)(f, &config), MK_OK);
-        assert_int_equal(NAME(mk_unscented_start)(N, M, SLOTS, &view, &config), MK_OK);
+        assert_int_equal(NAME(mk_unscented_start)(N, M, SLOTS, &view, &twin), MK_OK);
+        int weighted = 0, most = 0;
         for (int step = 0; step < 60; step++) {
             const REAL dt = (REAL)draw_uniform(&g, 0.0, 1.0);
             assert_int_equal(OWN(_predict)(f, dt, step % 3 ? NULL : P0), MK_OK);
@@ -77,6 +87,20 @@ static void OWN(_typed)(void **unused) {
             if (draw_chance(&g, 0.2)) {
                 assert_int_equal(OWN(_drop)(f, 0), MK_OK);
                 assert_int_equal(NAME(mk_unscented_drop)(SLOTS, &view, 0), MK_OK);
+            }
+            if (step % 5 == 2) {
+                REAL e[2][M * SLOTS], E[2][MK_PACKED(M * SLOTS)], dx[N];
+                uint8_t rows[2][SLOTS];
+                memset(e, 0, sizeof e);
+                memset(E, 0, sizeof E);
+                for (int i = 0; i < N; i++) dx[i] = (REAL)(0.1 * draw_normal(&g));
+                assert_int_equal(OWN(_move)(f, dx), MK_OK);
+                assert_int_equal(NAME(mk_unscented_move)(N, &view, dx), MK_OK);
+                assert_int_equal(OWN(_innovations)(f, e[0], E[0], rows[0]), MK_OK);
+                assert_int_equal(NAME(mk_unscented_innovations)(N, M, SLOTS, &view, e[1], E[1], rows[1]), MK_OK);
+                assert_memory_equal(e[0], e[1], sizeof e[0]);
+                assert_memory_equal(E[0], E[1], sizeof E[0]);
+                assert_memory_equal(rows[0], rows[1], sizeof rows[0]);
             }
             if (step % 10 == 9) {
                 assert_int_equal(OWN(_contribution)(f, s, S), MK_OK);
@@ -98,7 +122,13 @@ static void OWN(_typed)(void **unused) {
             assert_memory_equal(OWN(_root)(f), view.L, sizeof f->L);
             assert_memory_equal(f->have, view.have, sizeof f->have);
             assert_memory_equal(f->record, view.record, sizeof f->record);
+            view.core->config = &config;
             assert_memory_equal(&f->core, view.core, sizeof f->core);
+            view.core->config = &twin;
+            assert_memory_equal(weight[0], weight[1], sizeof weight[0]);
+            assert_memory_equal(statistic[0], statistic[1], sizeof statistic[0]);
+            weighted += f->core.weighted_rows;
+            if (f->core.nis_rows > most) most = f->core.nis_rows;
             REAL P[MK_PACKED(N)], P_kernel[MK_PACKED(N)];
             assert_int_equal(OWN(_covariance)(f, P), MK_OK);
             assert_int_equal(NAME(mk_unscented_covariance)(N, &view, P_kernel), MK_OK);
@@ -111,6 +141,8 @@ static void OWN(_typed)(void **unused) {
                 f = moved;
             }
         }
+        /* Student's weights begin with four rows. */
+        assert_true(!config.weights || weighted > (M * SLOTS > 1 ? 10 : 0) || (kind % 2 == MK_STATISTIC_STUDENT && most < 4));
         free(f);
         free(view.core);
         free(view.x);

@@ -97,8 +97,8 @@ static const char draw_help[] =
     "    --run R              number of the run, from 0 (default 0)\n"
     "    --models FILE.so     own models, see meshkal/plugin.h\n"
     "    --json FILE          initial estimate, counts and faults for programs\n"
-    "  of a navigation scenario: --measurements, --truth, --steps, --seed, --run, --json (its \"estimate\" goes into model.navigation.estimate) and\n"
-    "    --imu FILE.csv       inertial samples; the files are those of simulate --measurements --imu --truth, without the faults: simulate adds them\n";
+    "  of a navigation scenario: --measurements --truth --steps --seed --run --json (its \"estimate\" goes into model.navigation.estimate) and\n"
+    "    --imu FILE.csv       inertial samples; the files are those that simulate reads, without the faults, which it adds\n";
 
 static const char replay_help[] =
     "meshkal replay RECORD [options]             run a node again from its record and compare every bit\n"

@@ -21,7 +21,7 @@ FILTERS = ("kfc", "kfd", "rkfdnu2")
 SCHEMES = ("rctm", "aime", "aime-improved", "exclude")
 NODE, ROW = 4, 0              # the sensor with the ramp: noise of 1.06 m, the best of five that its node hears
 FROM_S, TO_S, END_S = 20.0, 40.0, 60.0
-LAW_STEPS, SETTLED = 20000, 200
+SETTLED = 200
 RUN_STEPS = 2500              # of a run that counts false alarms
 TYPES = {86: "<f8", 85: "<f4", 70: "<u4", 64: "u1"}
 
@@ -72,11 +72,11 @@ class Study:
         return items[SETTLED:]
 
 
-def law(study: Study) -> list[dict]:
+def law(study: Study, steps: int) -> list[dict]:
     """How far the statistics are from chi-square: mean over degrees, and the distance of Kolmogorov and Smirnov."""
     table = []
     for name in FILTERS:
-        items = study.log("--filter", name, "--steps", LAW_STEPS, "--monitor", "aime")
+        items = study.log("--filter", name, "--steps", steps, "--monitor", "aime")
         for statistic, apart in (("rctm", 1), ("aime", 10)):
             q = np.array([item[f"monitor_{statistic}"] for item in items])
             rows = np.array([item[f"monitor_{statistic}_rows"] for item in items])
@@ -189,13 +189,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--meshkal", type=Path, default=Path("build/meshkal"))
     parser.add_argument("--out", type=Path, default=Path("build/network-monitor"))
+    parser.add_argument("--law-steps", type=int, default=20000, help="of the run whose statistics are compared with chi-square")
     parser.add_argument("--node-steps", type=float, default=1e6, help="for each rate of false alarms; four times that for the small one")
     parser.add_argument("--runs", type=int, default=100, help="of each ramp")
     parser.add_argument("--rates", type=float, nargs="+", default=[0.1, 0.2, 0.5], help="of the ramp, metres a second")
     a = parser.parse_args()
     try:
         study = Study(a.meshkal, a.out)
-        results = {"law": law(study), "false_alarms": false_alarms(study, a.node_steps), "ramps": ramps(study, a.rates, a.runs)}
+        results = {"law": law(study, a.law_steps), "false_alarms": false_alarms(study, a.node_steps), "ramps": ramps(study, a.rates, a.runs)}
     except StudyError as error:
         print(f"study: {error}", file=sys.stderr)
         return 1

@@ -35,7 +35,7 @@ static void MK_F(mk_monitor_reset)(const MK_F_T(mk_monitor_view) * view) {
         view->sensor[p].w = view->sensor[p].ratio = MK_R(0.0);
     }
     core->rctm = core->aime = core->rctm_ratio = core->aime_ratio = MK_R(0.0);
-    core->rows = core->window_rows = core->faulty = core->quiet = 0;
+    core->rows = core->window_rows = core->faulty = core->quiet = core->waited = 0;
     core->alarm = core->ended = core->unresolved = 0;
     core->rho = core->median = MK_R(1.0);
     for (int i = 0; i < 3; i++) core->rhos[i] = MK_R(1.0);
@@ -215,7 +215,8 @@ static void MK_F(mk_monitor_exclude)(const MK_F_T(mk_monitor_view) * view, const
     MK_F_T(mk_monitor) *const core = view->core;
     const MK_F_T(mk_monitor_config) *const config = core->config;
     const int m = config->m;
-    const uint32_t suspects = MK_F(mk_monitor_isolate)(config, config->most - core->faulty, rows, core->aime, I, v, b, work);
+    const int force = config->patience && core->waited >= config->patience;
+    const uint32_t suspects = MK_F(mk_monitor_isolate)(config, config->most - core->faulty, force, rows, core->aime, I, v, b, work);
     core->unresolved = suspects == 0;
     if (!suspects) return;
     for (int p = 0; p < config->places; p++) {
@@ -253,6 +254,7 @@ static void MK_F(mk_monitor_decide)(const MK_F_T(mk_monitor_view) * view, const 
     if (config->scheme == MK_MONITOR_EXCLUDE) {
         MK_F(mk_monitor_end)(view, reading, z);
         if (core->alarm) MK_F(mk_monitor_exclude)(view, reading, held, S, I, v, b, work);
+        core->waited = core->unresolved ? (uint16_t)(core->waited + (core->waited < UINT16_MAX)) : 0;
     }
 }
 

@@ -34,7 +34,9 @@ static int find_node(const mk_epochs_t *epochs, double number) {
 static int take_reading(mk_epochs_t *epochs, const mk_csv_t *csv, size_t i, size_t begin, size_t *count, mk_error_t *error) {
     const double *const row = csv->value + 6 * i;
     const int k = find_node(epochs, row[1]);
-    if (k < 0) return mk_fail(error, "%s:%ld: satellite %.15g is not among the scenario's nodes: add it there, or leave the line out", csv->path, csv->line[i], row[1]);
+    if (k < 0)
+        return mk_fail(error, "%s:%ld: satellite %.15g is not among the scenario's nodes: add it there, or leave the line out", csv->path,
+                       csv->line[i], row[1]);
     if (isnan(row[2])) return 1;
     for (int c = 3; c < 6; c++)
         if (isnan(row[c])) return mk_fail(error, "%s:%ld: a pseudorange without the satellite's position", csv->path, csv->line[i]);
@@ -101,11 +103,12 @@ static int read_samples(mk_epochs_t *epochs, const mk_csv_t *csv, mk_error_t *er
     const double mean = (end - begin) / (double)(csv->rows - 1);
     epochs->facts.interval_s = mean;
     if (begin - start > LONG_START * mean)
-        return mk_fail(error, "%s:%ld: the samples begin at t = %.15g, %.6g s after model.navigation.start_s, %.15g: the run can begin no sooner than they do: set start_s, and the estimate "
-                              "of that time",
+        return mk_fail(error, "%s:%ld: the samples begin at t = %.15g, %.6g s after model.navigation.start_s, %.15g: the run can begin no sooner than "
+                              "they do: set start_s, and the estimate of that time",
                        csv->path, csv->line[0], begin, begin - start, start);
     if (last - end > 1e-6 * mean)
-        return mk_fail(error, "%s:%ld: the samples end at t = %.15g, %.6g s before the last pseudorange, t = %.15g: give samples for all the time, or fewer epochs with --steps",
+        return mk_fail(error, "%s:%ld: the samples end at t = %.15g, %.6g s before the last pseudorange, t = %.15g: give samples for all the time, or "
+                              "fewer epochs with --steps",
                        csv->path, csv->line[csv->rows - 1], end, last - end, last);
     size_t skip = 0;
     while (skip < csv->rows && csv->value[7 * skip] <= start) skip++;

@@ -114,7 +114,8 @@ static void show_progress(running_t *r, int done) {
     const int percent = (int)(100.0 * done / r->c->runs);
     if (percent == r->shown) return;
     r->shown = percent;
-    (void)fprintf(stderr, "\r%-12s [%-40.*s] %3d %%", mk_nav_filter_name(r->c->filter), percent * 40 / 100, "########################################", percent);
+    (void)fprintf(stderr, "\r%-12s [%-40.*s] %3d %%", mk_nav_filter_name(r->c->filter), percent * 40 / 100,
+                  "########################################", percent);
 }
 
 static void run_one(void *context, int worker, long index) {

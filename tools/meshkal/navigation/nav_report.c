@@ -129,7 +129,8 @@ void mk_nav_report_head(FILE *out, const mk_nav_campaign_t *c) {
                   c->runs, c->runs == 1 ? "" : "s", c->precision->name, (unsigned long long)c->seed, c->facts.drawn ? "drawn" : "recorded");
     for (int i = 0; i < s->faults; i++) {
         const mk_sensor_fault_t *const fault = &s->fault[i];
-        (void)fprintf(out, "fault: satellite %d, %g m + %g m/s from %g s to ", s->navigation->satellite[fault->node].number, fault->step, fault->rate, fault->from_s);
+        (void)fprintf(out, "fault: satellite %d, %g m + %g m/s from %g s to ", s->navigation->satellite[fault->node].number, fault->step, fault->rate,
+                      fault->from_s);
         (void)(fault->to_s < 1e300 ? fprintf(out, "%g s\n", fault->to_s) : fprintf(out, "the end\n"));
     }
     if (watched)
@@ -138,11 +139,11 @@ void mk_nav_report_head(FILE *out, const mk_nav_campaign_t *c) {
                       mk_monitor_name(c->monitor.scheme), c->monitor.window, c->monitor.false_alarm);
     (void)fprintf(out, "RMSE, NEES and NIS over epochs %ld to %ld, with 95 %% confidence intervals of the runs. NEES of an exact filter: %d.\n\n", c->from,
                   c->facts.steps, MK_NAV_STATES);
-    (void)fprintf(out, "%-8s %12s %8s %12s %8s %10s %7s %13s %-14s %8s %8s %8s", "filter", "position [m]", "+-", "vel. [m/s]", "+-", "att. [mrad]", "NEES", "band", "",
-                  "NIS/rows", "w faulty", "w others");
+    (void)fprintf(out, "%-8s %12s %8s %12s %8s %11s %7s %13s %-14s %8s %8s %8s", "filter", "position [m]", "+-", "vel. [m/s]", "+-", "att. [mrad]", "NEES",
+                  "band", "", "NIS/rows", "w faulty", "w others");
     if (watched)
-        (void)fprintf(out, " %9s %8s %8s %8s %9s %12s %9s %8s %8s %8s %12s", "alarmed", "alarm", "5 %", "95 %", "isolated", "false alarms", "ended", "end", "5 %", "95 %",
-                      "late alarms");
+        (void)fprintf(out, " %9s %8s %8s %8s %9s %12s %9s %8s %8s %8s %12s", "alarmed", "alarm", "5 %", "95 %", "isolated", "false alarms", "ended", "end",
+                      "5 %", "95 %", "late alarms");
     (void)fprintf(out, " %7s %10s\n", "failed", "us an epoch");
 }
 
@@ -155,8 +156,8 @@ void mk_nav_report_row(FILE *out, const mk_nav_campaign_t *c, const mk_nav_resul
     print_cell(out, 8, 4, f.position_half);
     print_cell(out, 12, 5, f.velocity);
     print_cell(out, 8, 5, f.velocity_half);
-    print_cell(out, 10, 4, 1e3 * f.attitude);
-    print_cell(out, 8, 2, f.nees);
+    print_cell(out, 11, 4, 1e3 * f.attitude);
+    print_cell(out, 7, 2, f.nees);
     (void)fprintf(out, " %13s %-14s", isnan(f.nees) ? "-" : text, verdict(&f));
     print_cell(out, 8, 3, f.nis);
     print_cell(out, 8, 3, f.weight_faulty);
@@ -190,7 +191,8 @@ void mk_nav_report_foot(FILE *out, const mk_nav_campaign_t *c, const mk_nav_resu
     (void)fputs("\n", out);
     json_array_foreach(notes, i, note) (void)fprintf(out, "%s\n", json_string_value(note));
     if (!c->facts.drawn)
-        (void)fprintf(out, "%ld pseudoranges in %.6g s, of %d of %d satellites in the poorest epoch; longest interval of samples %.3g s, mean %.3g s; %ld epochs have some truth\n",
+        (void)fprintf(out, "%ld pseudoranges in %.6g s, of %d of %d satellites in the poorest epoch; longest interval of samples %.3g s, mean %.3g s; "
+                           "%ld epochs have some truth\n",
                       c->facts.readings, c->facts.last_s - c->facts.start_s, c->facts.fewest, c->scenario->nodes, c->facts.gap_s, c->facts.interval_s,
                       c->facts.with_truth);
     if (last->interrupted) (void)fprintf(out, "interrupted: the figures are of the runs that were complete, %d of %d\n", last->statistics.runs, c->runs);
@@ -227,8 +229,10 @@ static json_t *each_run(const mk_nav_result_t *r, int what) {
 
 static json_t *ends_of(const mk_nav_result_t *r) {
     json_t *array = json_array();
-    for (int i = 0; i < r->statistics.runs; i++)
-        (void)json_array_append_new(array, mk_json_numbers(r->story[i].end_s, (size_t)(r->story[i].ends < MK_NAV_MOST_ENDS ? r->story[i].ends : MK_NAV_MOST_ENDS)));
+    for (int i = 0; i < r->statistics.runs; i++) {
+        const mk_nav_story_t *const story = &r->story[i];
+        (void)json_array_append_new(array, mk_json_numbers(story->end_s, (size_t)(story->ends < MK_NAV_MOST_ENDS ? story->ends : MK_NAV_MOST_ENDS)));
+    }
     return array;
 }
 

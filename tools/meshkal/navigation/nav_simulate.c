@@ -76,7 +76,8 @@ static void add_notes(const mk_nav_campaign_t *c, json_t *notes) {
     if (!c->facts.drawn && !s->navigation->has_estimate)
         add_note(notes, "model.navigation.estimate is not given: the run starts from the scenario's own start, with clock and biases 0");
     for (int i = 0; i < s->faults; i++)
-        if (!(s->fault[i].from_s < c->facts.last_s)) add_note(notes, "faults[%d] begins at %g s: after the last epoch, %.15g s", i, s->fault[i].from_s, c->facts.last_s);
+        if (!(s->fault[i].from_s < c->facts.last_s))
+            add_note(notes, "faults[%d] begins at %g s: after the last epoch, %.15g s", i, s->fault[i].from_s, c->facts.last_s);
     if (c->monitor.scheme != MK_MONITOR_NONE && s->nodes < 5)
         add_note(notes, "%d satellites: with fewer than five no statistic can say which of them is faulty", s->nodes);
 }

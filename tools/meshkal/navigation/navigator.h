@@ -20,6 +20,9 @@
 
 enum { MK_NAV_PACKED = MK_PACKED(MK_NAV_STATES) };
 
+/* A pseudorange that is farther off than this is no measurement: refused, MK_ERROR_DOMAIN. */
+#define MK_NAV_ABSURD_M 1e9
+
 /* What became of a reading. */
 enum { MK_NAV_NONE, MK_NAV_USED, MK_NAV_REFUSED, MK_NAV_WEIGHTED };
 

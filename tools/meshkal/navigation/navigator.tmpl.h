@@ -193,7 +193,7 @@ static void MK_F(step)(void *filter, const mk_nav_input_t *input, mk_nav_look_t 
     for (int k = 0; k < nodes; k++) {
         const MK_REAL z = (MK_REAL)input->z[k];
         if (!input->have[k]) continue;
-        status = MK_F(mk_unscented_put)(1, nodes, &f->view, k, &z);
+        status = fabs(input->z[k]) <= MK_NAV_ABSURD_M ? MK_F(mk_unscented_put)(1, nodes, &f->view, k, &z) : MK_ERROR_DOMAIN;
         look->decision[k] = status == MK_OK ? MK_NAV_USED : MK_NAV_REFUSED;
         if (status != MK_OK) look->count[MK_NAV_COUNT_FAILED + (int)status]++;
     }

@@ -20,7 +20,7 @@ enum { CHUNK = 1024, WORTH_THREADS = 4 * CHUNK };
 /* Sums of one step, in their order. */
 enum { SQUARE, POSITION, FINDINGS, STEP_SUMS = FINDINGS + MK_FINDINGS };
 
-static int watches(const mk_runner_t *r) { return r->c->monitor.scheme != MK_MONITOR_NONE; }
+int mk_runner_watches(const mk_runner_t *r) { return r->c->monitor.scheme != MK_MONITOR_NONE; }
 
 void mk_runner_open(mk_runner_t *r, const mk_campaign_t *c, const mk_source_t *source, mk_team_t *team, const mk_topology_t *topology,
                     const double *tolerance, const double *schedule, int threads) {
@@ -36,7 +36,7 @@ void mk_runner_open(mk_runner_t *r, const mk_campaign_t *c, const mk_source_t *s
     r->threads = topology->estimators < WORTH_THREADS ? 1 : threads;
     mk_stream_open(&r->stream, source, c->filter->central || team->ranks == 1 ? NULL : topology, team, s->nodes < WORTH_THREADS ? 1 : threads);
     r->net = c->network->open(s, topology, tolerance, schedule ? 0.0 : c->frozen, &c->monitor, threads);
-    if (watches(r)) mk_alerts_open(&r->alerts, s, topology, &c->monitor, c->network->real_size, r->total);
+    if (mk_runner_watches(r)) mk_alerts_open(&r->alerts, s, topology, &c->monitor, c->network->real_size, r->total);
     if (c->log_path) r->snapshot = mk_snapshot_make(c->network, topology->estimators, s);
     r->slots = (size_t)topology->first[E];
     r->y_arrived = mk_allocate(2 * r->slots, 1);
@@ -48,21 +48,15 @@ void mk_runner_open(mk_runner_t *r, const mk_campaign_t *c, const mk_source_t *s
     r->sums = mk_allocate(1 + LONGEST_WAIT * STEP_SUMS, sizeof *r->sums); /* more than states, too */
     r->thread_sums = mk_allocate((size_t)r->threads * STEP_SUMS, sizeof *r->thread_sums);
     r->estimate = mk_allocate((size_t)r->threads * CHUNK * n, sizeof *r->estimate);
-    const size_t rows = (size_t)source->row_first[s->nodes], positions = (size_t)MK_PACKED(s->position_count);
-    const size_t value = 8 * (n > MK_LARGEST_STATE ? n : MK_LARGEST_STATE), wide = n > positions ? n : positions;
+    const size_t rows = (size_t)source->row_first[s->nodes], value = 8 * (n > MK_LARGEST_STATE ? n : MK_LARGEST_STATE);
     if (r->stream.part) r->own_y = mk_allocate(rows + 1, sizeof *r->own_y);
     r->send = mk_allocate((size_t)topology->sends + 1, value);
     r->receive = mk_allocate((size_t)topology->halo + 1, value);
-    if (team->rank != 0 || !c->log_path || !topology->id) return;
-    size_t most = 8 * wide * (size_t)r->total;
-    if (8 * rows > most) most = 8 * rows;
-    const size_t slot = watches(r) ? 8 : 1; /* bytes of the widest that is logged of each */
-    if (slot * (size_t)s->first[s->nodes] > most) most = slot * (size_t)s->first[s->nodes];
-    r->gathered = mk_allocate(most, 1);
+    if (team->rank == 0 && c->log_path && topology->id) r->gathered = mk_allocate(mk_runner_log_room(r), 1);
 }
 
 void mk_runner_close(mk_runner_t *r) {
-    if (watches(r)) mk_alerts_close(&r->alerts);
+    if (mk_runner_watches(r)) mk_alerts_close(&r->alerts);
     mk_stream_close(&r->stream);
     r->c->network->close(r->net);
     if (r->c->log_path) mk_snapshot_free(&r->snapshot);
@@ -166,82 +160,6 @@ static void take_some_alerts(mk_runner_t *r, int run, int t, int worker, int beg
     mk_alerts_take(&r->alerts, t, begin, end);
 }
 
-/* What every part has of an array over estimators, in the order of their numbers, where the log is written. */
-static const void *whole(mk_runner_t *r, const void *local, const int *first, size_t width) {
-    if (!r->topology->id) return local;
-    r->team->gather(r->team, r->topology, local, first, width, r->gathered);
-    return r->gathered;
-}
-
-static void log_reals(mk_runner_t *r, mk_run_log_t *log, const char *key, const void *local, size_t size, size_t width) {
-    const void *all = whole(r, local, NULL, size * width);
-    if (log) mk_log_reals(log, key, all, size, (size_t)r->total * width);
-}
-
-static void log_uint32(mk_runner_t *r, mk_run_log_t *log, const char *key, const uint32_t *local) {
-    const void *all = whole(r, local, NULL, sizeof *local);
-    if (log) mk_log_uint32(log, key, all, (size_t)r->total);
-}
-
-/* Where the slots of each estimator begin, of all parts. */
-static const int *slots_of(const mk_runner_t *r) { return r->c->filter->central ? r->topology->first : r->c->scenario->first; }
-
-static void log_slots(mk_runner_t *r, mk_run_log_t *log, const char *key, const uint8_t *local) {
-    const void *all = whole(r, local, slots_of(r), 1);
-    if (log) mk_log_uint8(log, key, all, (size_t)slots_of(r)[r->total]);
-}
-
-static void log_monitor(mk_runner_t *r, mk_run_log_t *log) {
-    mk_monitor_field_t field[MK_MONITOR_FIELDS];
-    const int fields = mk_monitor_fields(&r->alerts.snapshot, field);
-    for (int i = 0; i < fields; i++) {
-        const void *all = whole(r, field[i].values, field[i].per_slot ? slots_of(r) : NULL, field[i].width);
-        if (log) mk_log_field(log, &field[i], all, (size_t)(field[i].per_slot ? slots_of(r)[r->total] : r->total));
-    }
-}
-
-static void log_readings(mk_runner_t *r, mk_run_log_t *log) {
-    const int *first = r->source->row_first;
-    double *next = r->own_y;
-    for (int e = 0; next && e < r->topology->estimators; e++) {
-        const int k = mk_topology_id(r->topology, e), rows = first[k + 1] - first[k];
-        memcpy(next, r->stream.y + first[k], (size_t)rows * sizeof *next);
-        next += rows;
-    }
-    const void *all = r->own_y ? whole(r, r->own_y, first, sizeof *next) : r->stream.y;
-    if (log) mk_log_reals(log, "measurements", all, sizeof *next, (size_t)first[r->c->scenario->nodes]);
-}
-
-static void write_item(mk_runner_t *r, mk_run_log_t *log, int run, int t) {
-    const mk_scenario_t *s = r->c->scenario;
-    const mk_snapshot_t *seen = &r->snapshot;
-    const size_t size = r->c->network->real_size;
-    const int truth = r->source->has_truth, central = r->c->filter->central, positions = s->position_count;
-    mk_monitor_field_t field[MK_MONITOR_FIELDS];
-    const int monitor = watches(r) ? mk_monitor_fields(&r->alerts.snapshot, field) : 0, fault = r->stream.fault != NULL;
-    if (log) mk_log_begin(log, run, t, 9 + 2 * truth + !central + (positions > 0) + (r->c->frozen > 0.0) + fault + monitor);
-    if (truth && log) mk_log_reals(log, "truth", r->stream.x, 8, (size_t)s->n);
-    log_readings(r, log);
-    log_slots(r, log, "measurements_arrived", r->y_arrived);
-    if (!central) log_slots(r, log, "estimates_arrived", r->psi_arrived);
-    log_reals(r, log, "estimate", seen->estimate, size, (size_t)s->n);
-    if (truth) log_reals(r, log, "error", r->error, 8, 1);
-    log_reals(r, log, "trace_covariance", seen->trace_covariance, size, 1);
-    if (positions > 0) log_reals(r, log, "position_covariance", seen->position_covariance, size, (size_t)MK_PACKED(positions));
-    log_reals(r, log, "theta", seen->theta, size, 1);
-    log_reals(r, log, "tolerance", seen->tolerance, size, 1);
-    log_reals(r, log, "nis", seen->nis, size, 1);
-    log_uint32(r, log, "nis_rows", seen->nis_rows);
-    log_uint32(r, log, "faults", seen->faults);
-    if (r->c->frozen > 0.0) {
-        const void *all = whole(r, seen->frozen, NULL, 1);
-        if (log) mk_log_uint8(log, "frozen", all, (size_t)r->total);
-    }
-    if (fault && log) mk_log_reals(log, "fault", r->stream.fault, 8, (size_t)r->source->row_first[s->nodes]);
-    if (monitor) log_monitor(r, log);
-    if (log) mk_log_end(log);
-}
-
 /* The values that other parts wait for go out; theirs come in until `finish`. */
 static void begin_readings(mk_runner_t *r) {
     unsigned char *next = r->send;
@@ -295,7 +213,7 @@ static void record_stage(mk_runner_t *r, int t, mk_exchange_t stage, int good, m
     int bad = 0;
     const int recorded = stage == MK_EXCHANGE_READINGS
                              ? mk_node_records_incremental(r->records, t, schedule, r->stream.y, r->source->row_first, r->y_arrived,
-                                                           watches(r) ? r->alerts.snapshot.excluded : NULL, r->net, good, &bad, &trouble)
+                                                           mk_runner_watches(r) ? r->alerts.snapshot.excluded : NULL, r->net, good, &bad, &trouble)
                              : mk_node_records_diffuse(r->records, t, r->psi_arrived, r->net, good, &bad, &trouble);
     if (!recorded && is_first(r, t, PHASE_RECORD, bad)) *error = trouble;
 }
@@ -326,7 +244,7 @@ static void step_network(mk_runner_t *r, int run, int t, mk_error_t *error) {
         status = network->incremental(r->net, inner, E, y, rows, r->y_arrived, bad);
         good = check(r, run, t, PHASE_INCREMENTAL, status, error) && good;
     }
-    if (watches(r)) for_all(r, run, t, take_some_alerts);
+    if (mk_runner_watches(r)) for_all(r, run, t, take_some_alerts);
     const int records = r->records && run == 0 && begun;
     if (records) record_stage(r, t, MK_EXCHANGE_READINGS, good, error);
     network->intermediate(r->net, topology->send_estimator, topology->sends, r->send);
@@ -403,7 +321,7 @@ static void finish_record(mk_runner_t *r, mk_record_t *record) {
         record->state_square[i] = r->state_known[i] > 0.0 ? mk_exact_value(&r->sums[i]) / (r->state_known[i] * r->total) : (double)NAN;
     memset(r->sums, 0, n * sizeof *r->sums);
     if (record->phases) split_msd(r, record);
-    if (watches(r)) mk_alerts_finish(&r->alerts, r->team, r->total, record->alert);
+    if (mk_runner_watches(r)) mk_alerts_finish(&r->alerts, r->team, r->total, record->alert);
 }
 
 typedef struct {
@@ -453,7 +371,7 @@ mk_run_state_t mk_runner_run(mk_runner_t *r, int run, mk_record_t *record, mk_ru
     memset(r->node_square, 0, (E + n) * sizeof *r->node_square); /* and state_known */
     memset(record->value, 0, record->count * sizeof *record->value);
     memset(error, 0, sizeof *error);
-    if (watches(r)) mk_alerts_start(&r->alerts);
+    if (mk_runner_watches(r)) mk_alerts_start(&r->alerts);
     const mk_status_t status = c->network->start(r->net, &r->bad);
     (void)check(r, run, 0, PHASE_START, status, error);
     for (int t = 0; t < c->steps && state == MK_RUN_DONE; t++) {
@@ -464,7 +382,7 @@ mk_run_state_t mk_runner_run(mk_runner_t *r, int run, mk_record_t *record, mk_ru
             c->network->look_after(r->net, &r->snapshot);
             /* A centre has nobody to exchange estimates with: nothing is missing. */
             if (c->filter->central) r->snapshot.faults[0] &= ~(uint32_t)MK_FAULT_ESTIMATE_MISSING;
-            write_item(r, log, run, t);
+            mk_runner_log(r, log, run, t);
             if (log && log->failed && is_first(r, t, PHASE_LOG, 0)) {
                 (void)mk_fail(error, "writing the log: %s", strerror(log->failed));
                 if (r->team->ranks == 1) return MK_RUN_FAILED;

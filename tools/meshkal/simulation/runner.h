@@ -44,6 +44,13 @@ void mk_runner_open(mk_runner_t *runner, const mk_campaign_t *c, const mk_source
                     const double *tolerance, const double *schedule, int threads);
 void mk_runner_close(mk_runner_t *runner);
 
+/* Whether its estimators have monitors. */
+int mk_runner_watches(const mk_runner_t *runner);
+
+/* Parts of a run (runner_log.c): step t into the log, which only rank 0 has; bytes of the longest array that is gathered for it. */
+void mk_runner_log(mk_runner_t *runner, mk_run_log_t *log, int run, int t);
+size_t mk_runner_log_room(const mk_runner_t *runner);
+
 /* One run into *record (complete on rank 0 of the team) and, item by item, into log if it is not null: only rank 0 has one, and only if the
    campaign has a log. progress, if not null, is called after each step. STOPPED: a signal came. FAILED: a node did, which the error names. */
 mk_run_state_t mk_runner_run(mk_runner_t *runner, int run, mk_record_t *record, mk_run_log_t *log, void (*progress)(void *context, int t),

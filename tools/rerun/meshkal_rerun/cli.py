@@ -56,7 +56,7 @@ def convert(stream: BinaryIO, output: Path, run: int) -> list[str]:
 
 
 def convert_joined(streams: dict[str, BinaryIO], output: Path, run: int) -> list[str]:
-    """The same of several logs, by their names: of nodes of one network; or of filters for tracking, the first of which is shown and the
+    """The same of several logs, by their names: of nodes of one network; or of filters for tracking or navigation, the first of which is shown and the
     others are compared with it."""
     readers = {}
     for name, stream in streams.items():
@@ -105,7 +105,7 @@ def _compared(beside: comparison.Comparison, others: Sequence[tuple[str, str, Lo
 def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog=PROGRAM, description="Turns a Meshkal run log into a rerun recording (.rrd).")
     parser.add_argument("log", nargs="+", help="the log, or - for standard input; several: those of nodes of one network, as meshkal-node writes "
-                        "them, or those of filters over the same tracking run: the first is shown, the others are compared with it")
+                        "them, or those of filters over the same tracking or navigation run: the first is shown, the others are compared with it")
     parser.add_argument("-o", "--output", required=True, metavar="RUN.rrd", help="the recording to write")
     parser.add_argument("--run", type=_run_number, default=0, metavar="K", help="which Monte Carlo run (default: 0)")
     return parser.parse_args(arguments)

@@ -81,8 +81,11 @@ class Header:
         """Where each estimator's slots start in an array over the slots of all estimators."""
         return np.concatenate(([0], np.cumsum([len(s) for s in self.slots])[:-1])).astype(np.intp)
 
+    def sensor_number(self, node: int) -> int:
+        return self.satellites[node] if self.satellites else node
+
     def sensor_path(self, node: int) -> str:
-        return f"satellite/{self.satellites[node]}" if self.satellites else f"node/{node}"
+        return f"{'satellite' if self.satellites else 'node'}/{self.sensor_number(node)}"
 
     def sensor_name(self, node: int) -> str:
         return self.sensor_path(node).replace("/", " ")

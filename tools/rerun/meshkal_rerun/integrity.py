@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What integrity monitors say, over time and as a story: when an alarm began, who is held faulty, when it was declared over. Numbers only, no rerun."""
+"""What integrity monitors say, over time and as a story: alarms, who is held faulty, what was declared over. Numbers only, no rerun."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -16,10 +16,12 @@ _RATIO_AXIS = rrb.ScalarAxis(range=(0.0, 2.2))
 def tab(header: Header, first: Batch) -> rrb.Horizontal:
     """Of a log with a monitor."""
     words = text_log("integrity_events", "Alarms and faults")
-    right = [ratio(header, "rctm" if tested(header) == "aime" else "aime"), statistic(header)]
+    right = [ratio(header, "rctm" if tested(header) == "aime" else "aime")]
+    if header.estimators <= DRAWN_ESTIMATORS:
+        right.append(statistic(header))
     left = [ratio(header, tested(header)), *ends(header), isolation(header)]
     if first.weight is not None:
-        right.append(weights(header))
+        right.append(weight_map(header) if header.central and header.nodes <= DRAWN_SLOTS else weights(header))
     if first.fault is not None:
         right.append(series("fault", "Injected fault of each sensor, unit of its reading", ["$origin/**"], legend=True))
     return rrb.Horizontal(
@@ -32,8 +34,8 @@ def tab(header: Header, first: Batch) -> rrb.Horizontal:
 
 
 def lanes(header: Header) -> rrb.StateTimelineView:
-    every = ", ".join(("alarms", "sensors held faulty" if header.monitor == "exclude" else "", "injected faults")).replace(", ,", ",")
-    return rrb.StateTimelineView(origin="integrity", name=every[0].upper() + every[1:], time_view=TIME_AXIS)
+    parts = [("Alarms", header.monitor), ("sensors held faulty", header.monitor == "exclude"), ("injected faults", True)]
+    return rrb.StateTimelineView(origin="integrity", name=", ".join(name for name, there in parts if there), time_view=TIME_AXIS)
 
 
 def lane_count(header: Header) -> int:
@@ -42,16 +44,17 @@ def lane_count(header: Header) -> int:
 
 
 def ratio(header: Header, key: str) -> rrb.TimeSeriesView:
-    several = header.estimators > 1
-    drawn = ["$origin/network/**"] if header.estimators > DRAWN_ESTIMATORS else [f"$origin/{key}/**"]
-    drawn = [f"$origin/{key}/network/**"] if header.estimators > DRAWN_ESTIMATORS else drawn
-    if several and header.estimators <= DRAWN_ESTIMATORS:
-        drawn += [f"- $origin/{key}/network/**", f"$origin/{key}/network/median"]
-    marks = ["$origin/alarm/**", "$origin/ended/**"] if key == tested(header) and header.estimators <= DRAWN_ESTIMATORS else []
-    said = "" if not marks else "; cross: alarm" + ("; diamond: fault declared over" if header.monitor in ("aime-improved", "exclude") else "")
-    of = "" if not several else " of each node, blue: median" if header.estimators <= DRAWN_ESTIMATORS else ": median, 10 to 90 % of nodes, largest"
-    name = f"{STATISTICS[key]} / threshold{of}, alarm from 1 on{said}"
-    return series("monitor_ratio", name, [*drawn, "$origin/threshold", *marks], axis=_RATIO_AXIS)
+    of, drawn = "", [f"$origin/{key}/**"]
+    if header.estimators > DRAWN_ESTIMATORS:
+        of, drawn = ": median (blue), 10 to 90 % of nodes (grey), largest (red)", [f"$origin/{key}/network/**"]
+    elif header.estimators > 1:
+        of, drawn = " of each node (blue: median)", [*drawn, f"- $origin/{key}/network/**", f"$origin/{key}/network/median"]
+    said = ""
+    if key == tested(header) and header.estimators <= DRAWN_ESTIMATORS:
+        drawn += ["$origin/alarm/**", "$origin/ended/**"]
+        said = "; cross: alarm" + ("; diamond: fault declared over" if header.monitor in ("aime-improved", "exclude") else "")
+    name = f"{STATISTICS[key]} / threshold{of}{said}"
+    return series("monitor_ratio", name, [*drawn, "$origin/threshold"], axis=_RATIO_AXIS)
 
 
 def both_ratios(header: Header) -> rrb.TimeSeriesView:
@@ -88,6 +91,13 @@ def isolation(header: Header) -> rrb.TimeSeriesView:
 def weights(header: Header) -> rrb.TimeSeriesView:
     name = f"Weight of each reading{_each(header)}: 1 used as it is, 0 not at all"
     return series("weight", name, ["$origin/**"], legend=header.nodes <= LEGEND_NODES, axis=rrb.ScalarAxis(range=(-0.05, 1.05)))
+
+
+def weight_map(header: Header) -> rrb.TimeSeriesView:
+    """Of a centre with not too many sensors."""
+    numbers = [header.sensor_number(k) for k in range(header.nodes)]
+    name = "Weight of each reading, by the number of its sensor; blue: full, red: none"
+    return series("weight_map", name, ["$origin/**"], axis=rrb.ScalarAxis(range=(min(numbers) - 0.8, max(numbers) + 0.8)))
 
 
 def _each(header: Header) -> str:

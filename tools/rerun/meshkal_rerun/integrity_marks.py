@@ -42,7 +42,8 @@ class IntegrityMarks:
         of = self._held.heard[node]
         count = counts[steps][at, node]
         painted = _PAINT[np.array([Share.NONE.value, *integrity.shares(count, of)])[1:]]
-        texts = ["\u2716 faulty" if h == 1 else f"\u2716 faulty at {c} of {h}" for c, h in zip(count, of)]
+        # The viewer ends itself over a character that its font does not have; it has this one.
+        texts = ["\u00d7 faulty" if h == 1 else f"\u00d7 faulty at {c} of {h}" for c, h in zip(count, of)]
         each = np.bincount(at, minlength=len(steps))
         ids = [f"held {k}" for k in node]
         columns = rr.GraphNodes.columns(node_ids=ids, positions=self._graph[node], labels=texts, colors=painted)

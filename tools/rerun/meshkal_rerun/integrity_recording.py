@@ -15,6 +15,7 @@ from .tracking_numbers import Slots
 DRAWN_SLOTS = DRAWN_ESTIMATORS = 100
 # One lane each; more would be too thin to read. Of more estimators one lane says how many are in alarm.
 LANES = 12
+_STRIPE = 6.0
 _BAND = {"tenth percentile": 10.0, "median": 50.0, "ninetieth percentile": 90.0, "largest": 100.0}
 _BAND_STYLE = {
     "tenth percentile": (colours.REFERENCE, 1.0),
@@ -49,7 +50,9 @@ class IntegrityRecorder:
         if fault is not None:
             self._faults(times, batch, fault)
         if batch.weight is not None:
-            self._per_slot("weight", times, integrity.read_only(batch.weight, batch), np.nanmin)
+            weight = integrity.read_only(batch.weight, batch)
+            self._per_slot("weight", times, weight, np.nanmin)
+            self._weight_map(times, weight)
         if batch.weight_statistic is not None:
             self._per_slot("weight_statistic", times, integrity.read_only(batch.weight_statistic, batch), np.nanmax)
         if self._header.monitor:
@@ -58,7 +61,8 @@ class IntegrityRecorder:
             self._per_slot("isolation", times, derive.finite(batch.isolation), np.nanmax)
             if batch.end_ratio is not None:
                 self._per_slot("end_ratio", times, derive.finite(batch.end_ratio), np.nanmax)
-                self._series.lines("end_ratio/decision", times, np.ones(len(batch.step)), names="decision: 1", colors=colours.REFERENCE, widths=1.0)
+                ones = np.ones(len(batch.step))
+                self._series.lines("end_ratio/decision", times, ones, names="decision: 1", colors=colours.REFERENCE, widths=1.0)
             self._monitor_lanes(batch)
         self._words(batch, events)
 
@@ -77,9 +81,10 @@ class IntegrityRecorder:
             marked = integrity.alarm_ratio(batch, self._header, ratio)
             for e, path in enumerate(self._paths):
                 self._marks(f"monitor_ratio/alarm/{path}", batch, marked[:, e], f"{self._names[e]}: alarm", "cross", colours.WORST)
-                over = np.where(batch.monitor_ended[:, e] != 0, ratio[integrity.tested(self._header)][:, e], np.nan)
-                over = np.where((batch.monitor_ended[:, e] != 0) & np.isnan(over), 0.0, over)
-                self._marks(f"monitor_ratio/ended/{path}", batch, over, f"{self._names[e]}: fault declared over", "diamond", colours.TRUTH, size=6.0)
+                # On the line of the threshold: the window may be empty then, and have no statistic.
+                over = np.where(batch.monitor_ended[:, e] != 0, 1.0, np.nan)
+                name = f"{self._names[e]}: fault declared over"
+                self._marks(f"monitor_ratio/ended/{path}", batch, over, name, "diamond", colours.TRUTH, size=6.0)
 
     def _ends(self, times: list, batch: Batch) -> None:
         """Of `aime-improved`: a fault is over where rho is above its limit, the median and the jump."""
@@ -89,7 +94,8 @@ class IntegrityRecorder:
         self._each("monitor_rho/rho", times, rho, "rho", colours.MEDIAN)
         self._each("monitor_rho/median", times, median, "median of the last three", colours.BOUND)
         if self._header.estimators == 1:
-            self._series.lines("monitor_rho/limit", times, median[:, 0] + self._jump, names=f"median + {self._jump:g}", colors=colours.LIMIT_LINE)
+            style = {"names": f"median + {self._jump:g}", "colors": colours.LIMIT_LINE, "widths": 1.0}
+            self._series.lines("monitor_rho/limit", times, median[:, 0] + self._jump, **style)
         self._band("monitor_rho/rho", times, rho)
 
     def _each(self, path: str, times: list, values: np.ndarray, name: str, colour: int) -> None:
@@ -131,6 +137,18 @@ class IntegrityRecorder:
         else:
             self._series.lines(f"{quantity}/network/all", times, derive.quietly(worst, values), names="all", colors=colours.WORST, widths=1.5)
 
+    def _weight_map(self, times: list, weight: np.ndarray) -> None:
+        """Of a centre a stripe for each sensor, as high as its number, in the colour of its weight: lines of many that jump hide each other."""
+        if not self._header.central or self._header.nodes > DRAWN_SLOTS:
+            return
+        painted = colours.scale_colours(1.0 - weight[:, self._slots.at], 0.0, 1.0)
+        for i, node in enumerate(self._slots.node):
+            path, height = f"weight_map/{self._header.sensor_path(node)}", float(self._header.sensor_number(node))
+            if self._series.first(path):
+                self._series.rec.log(path, rr.SeriesLines(names=self._header.sensor_name(node), widths=_STRIPE), static=True)
+            columns = rr.Scalars.columns(scalars=np.full(len(weight), height))
+            self._series.rec.send_columns(path, times, [*columns, *rr.SeriesLines.columns(colors=painted[:, i])])
+
     def _faults(self, times: list, batch: Batch, fault: np.ndarray) -> None:
         for node in range(self._header.nodes):
             path, name = f"fault/{self._header.sensor_path(node)}", self._header.sensor_name(node)
@@ -163,7 +181,7 @@ class IntegrityRecorder:
         if self._series.first(path):
             values = list(names.values())
             painted = [colours.QUIET, colours.SOME, colours.MANY, colour] if len(values) == len(Share) else [colours.QUIET, colour]
-            self._series.rec.log(path, rr.StateConfiguration(values=values, labels=values, colors=painted), static=True)
+            self._series.rec.log(path, rr.StateConfiguration(values=values, labels=values, colors=np.array(painted, dtype=np.uint32)), static=True)
             self._series.rec.send_columns(path, self._start, rr.StateChange.columns(state=[names[Share.NONE]]))
         if len(at):
             words = [names[Share(state)] for state in states[at]]

@@ -53,7 +53,7 @@ class IntegritySummary:
         rows = [("injected fault", text) for text in self._of_sensors(self._faults)]
         if not header.monitor:
             return rows
-        rows.append(("alarms", self._when(self._alarms)))
+        rows += self._when("alarms", "first alarm", self._alarms)
         rows.append(("estimator epochs in alarm" if header.estimators > 1 else "epochs in alarm", f"{self._alarm_epochs} of {self._epochs}"))
         alert = self._alert()
         if alert:
@@ -62,22 +62,23 @@ class IntegritySummary:
             held = self._of_sensors(self._excluded)
             rows += [("held faulty", text) for text in held] or [("held faulty", "nobody")]
         if header.monitor in ("aime-improved", "exclude"):
-            rows.append(("faults declared over", self._when([[time, time, e] for time, e in self._ends])))
+            rows += self._when("faults declared over", "first one declared over", [[time, time, e] for time, e in self._ends])
         return rows
 
     def facts(self) -> list[tuple[str, str]]:
         header = self._header
-        return [("monitor", f"{header.monitor}, window {header.monitor_window}, false alarm {header.monitor_false_alarm:g}")] if header.monitor else []
+        what = f"{header.monitor}, window {header.monitor_window}, false alarm {header.monitor_false_alarm:g}"
+        return [("monitor", what)] if header.monitor else []
 
-    def _when(self, spans: list[list]) -> str:
-        """Of one estimator all, of several how many and where the first was."""
+    def _when(self, name: str, first_name: str, spans: list[list]) -> list[tuple[str, str]]:
+        """Of one estimator all, of several how many and where the first was: the table is narrow."""
         if not spans:
-            return "none"
+            return [(name, "none")]
         if self._header.estimators == 1:
-            return integrity.spans([(span[0], span[1]) for span in spans], _MOST)
+            return [(name, integrity.spans([(span[0], span[1]) for span in spans], _MOST))]
         who = len({span[2] for span in spans})
         first = min(spans, key=lambda span: span[0])
-        return f"{len(spans)} at {who} of {self._header.estimators} nodes, the first at {first[0]:g} s ({self._names[first[2]]})"
+        return [(name, f"{len(spans)} at {who} of {self._header.estimators} nodes"), (first_name, f"{first[0]:g} s, {self._names[first[2]]}")]
 
     def _of_sensors(self, spans: list[list]) -> list[str]:
         """A text for each sensor: from when to when somebody held it faulty, or it had a fault."""
@@ -85,7 +86,7 @@ class IntegritySummary:
         for node in sorted({span[-1] for span in spans}):
             mine = _union([span for span in spans if span[-1] == node])
             some = spans is self._excluded and not self._header.central
-            by = f", by at most {self._most[node]} of {self._held.heard[node]} nodes at a time" if some else ""
+            by = f", by up to {self._most[node]} of {self._held.heard[node]}" if some else ""
             out.append(f"{self._header.sensor_name(node)}: {integrity.spans(mine, _MOST)}{by}")
         return out[:_MOST] + ([f"and {len(out) - _MOST} more sensors"] if len(out) > _MOST else [])
 

@@ -41,12 +41,15 @@ def _overview(header: Header, first: Batch, compared: tuple[str, ...]) -> rrb.Ho
     shares = [7.0]
     if header.monitor:
         left.append(integrity_blueprint.lanes(header))
-        shares.append(0.7 * integrity_blueprint.lane_count(header) + 0.6)
+        shares.append(0.6 * integrity_blueprint.lane_count(header) + 0.3)
     elif first.fault is not None:
         left.append(integrity_blueprint.lanes(header))
         shares.append(1.6)
+    plots = _plots(header, first, compared)
+    # Stripes need more room than lines do.
+    heights = [1.45 if view.origin == "weight_map" else 1.0 for view in plots]
     return rrb.Horizontal(
-        rrb.Vertical(*left, row_shares=shares), rrb.Vertical(*_plots(header, first, compared)), column_shares=[5, 6], name="Overview"
+        rrb.Vertical(*left, row_shares=shares), rrb.Vertical(*plots, row_shares=heights), column_shares=[5, 6], name="Overview"
     )
 
 
@@ -55,15 +58,15 @@ def _plots(header: Header, first: Batch, compared: tuple[str, ...]) -> list[rrb.
     if header.monitor:
         out.append(integrity_blueprint.both_ratios(header))
     if first.weight is not None:
-        out.append(integrity_blueprint.weights(header))
+        out.append(integrity_blueprint.weight_map(header))
     if header.monitor:
         out += integrity_blueprint.ends(header)[:1] or [integrity_blueprint.isolation(header)]
     if first.innovation is not None:
-        out.append(series("innovation", "Innovation of each satellite, m", ["$origin/**"], legend=header.nodes <= LEGEND_NODES))
+        out.append(series("innovation", "Innovation of each satellite, m", ["$origin/**"], legend=header.nodes <= LEGEND_NODES, corner=rrb.Corner2D.LeftTop))
     if first.truth is not None:
         if compared:
             others = "".join(f", {colours.compared(i)[0]}: {label}" for i, label in enumerate(compared))
-            out.append(plot(header, "position_error", f"Position error, m{others}", extra=("$origin/compared/**",)))
+            out.append(plot(header, "position_error", f"Position error, m, blue: {header.filter}{others}", extra=("$origin/compared/**",)))
         else:
             out.append(series("navigation/error/position", "Position error, m", ["$origin/**"], legend=True))
     return out
@@ -71,7 +74,10 @@ def _plots(header: Header, first: Batch, compared: tuple[str, ...]) -> list[rrb.
 
 def _summary(header: Header) -> rrb.Horizontal:
     return rrb.Horizontal(
-        rrb.TextDocumentView(origin="summary", name="Summary"), text_log("integrity_events", "Alarms and faults"), column_shares=[5, 4], name="Summary"
+        rrb.TextDocumentView(origin="summary", name="Summary"),
+        text_log("integrity_events", "Alarms and faults"),
+        column_shares=[5, 4],
+        name="Summary",
     )
 
 

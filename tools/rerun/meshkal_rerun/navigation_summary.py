@@ -70,8 +70,8 @@ class NavigationSummary(Summary):
     def _legend(self, colour_range: tuple[float, float] | None) -> str:
         lines = [
             "**How to read it**", "",
-            "- Sky: zenith in the middle, north up, circles at elevations of 0, 30 and 60 degrees. A satellite is blue at full weight, red at none, grey "
-            "without a reading; one that is held faulty has a ring and a cross.",
+            "- Sky: zenith in the middle, north up, circles at elevations of 0, 30 and 60 degrees. A satellite is blue at full weight, red at "
+            "none, grey without a reading; one that is held faulty has a ring and a cross.",
             "- Errors: estimate less truth. Attitude: roll, pitch, heading; biases in the body's axes: right, forward, up.",
             "- NEES: squared error in units of the covariance. Above its band the filter is over-confident, below it too careful.",
             "- Test quantity: squared normalised innovation over its degrees of freedom. Around 1: the model fits.",

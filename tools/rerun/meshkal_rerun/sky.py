@@ -17,7 +17,8 @@ _DISC = 4.2
 _ARM = 5.2
 # A satellite that has moved less is not drawn again in its trail.
 _STEP_DEG = 0.2
-_ALARM_WIDTH = 6.6
+_RING_RADIUS = 6.6
+_BESIDE = (9.5, 0.0)
 
 
 class Sky:
@@ -32,10 +33,12 @@ class Sky:
         points = np.concatenate([sky(np.arange(4) * 90.0, np.full(4, -6.0)), sky(np.full(3, 45.0), np.array(RINGS_DEG, dtype=np.float64))])
         texts = ["N", "E", "S", "W", *(f"{ring}\u00b0" for ring in RINGS_DEG)]
         rec.log("sky/names", rr.Points2D(points, labels=texts, show_labels=True, colors=colours.LINK, radii=-0.1), static=True)
-        rec.log("sky/satellites", rr.Points2D.from_fields(radii=_DISC, show_labels=True, draw_order=30.0), static=True)
-        rec.log("sky/held_faulty", rr.LineStrips2D.from_fields(colors=colours.TRUTH, radii=0.8, draw_order=40.0), static=True)
-        rec.log("sky/held_faulty/ring", rr.LineStrips2D.from_fields(colors=colours.WORST, radii=0.9, draw_order=35.0), static=True)
-        self._ring = _ALARM_WIDTH * np.stack([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))], axis=1)
+        rec.log("sky/satellites", rr.Points2D.from_fields(radii=_DISC, show_labels=False, draw_order=30.0), static=True)
+        rec.log("sky/numbers", rr.Points2D.from_fields(radii=-0.1, colors=colours.TRUTH, show_labels=True, draw_order=31.0), static=True)
+        if header.monitor:
+            rec.log("sky/held_faulty", rr.LineStrips2D.from_fields(colors=colours.TRUTH, radii=0.8, draw_order=40.0), static=True)
+            rec.log("sky/held_faulty/ring", rr.LineStrips2D.from_fields(colors=colours.WORST, radii=0.9, draw_order=35.0), static=True)
+        self._ring = _RING_RADIUS * np.stack([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))], axis=1)
 
     def batch(self, times: list, batch: Batch) -> None:
         places = sky(batch.azimuth_deg, batch.elevation_deg)
@@ -43,8 +46,12 @@ class Sky:
         at, k = np.nonzero(known)
         each = known.sum(axis=1)
         painted = self._colours(batch)[at, k]
-        columns = rr.Points2D.columns(positions=places[at, k], colors=painted, labels=[self._labels[i] for i in k])
+        texts = [self._labels[i] for i in k]
+        columns = rr.Points2D.columns(positions=places[at, k], colors=painted, labels=texts)
         self._rec.send_columns("sky/satellites", times, columns.partition(each))
+        # Beside the discs: a label in them would be hidden by a cross.
+        columns = rr.Points2D.columns(positions=places[at, k] + _BESIDE, labels=texts)
+        self._rec.send_columns("sky/numbers", times, columns.partition(each))
         if self._header.monitor:
             self._held(times, known & (batch.excluded != 0), places)
         self._trail(places, known)

@@ -124,8 +124,11 @@ class Summary:
     def _monitor_legend(self) -> list[str]:
         if not self._header.monitor:
             return []
-        return ["- Test ratio of a monitor: its statistic over the threshold; 1 or more is an alarm. w: what leaving a sensor out takes from AIME. Axes "
-                "are cut above twice the threshold: zoom out."]
+        lines = ["- Test ratio of a monitor: its statistic over the threshold; 1 or more is an alarm. w: what leaving a sensor out takes from AIME. Axes "
+                 "are cut above twice the threshold: zoom out."]
+        if self._header.monitor == "exclude" and not self._header.satellites:
+            lines.append("- Network and scene: \u00d7, yellow or red: held faulty at so many of the nodes that hear the sensor.")
+        return lines
 
     def _legend(self, colour_range: tuple[float, float] | None) -> str:
         what = "error" if self._known.any() else "10 log10 of the test quantity (there is no truth)"

@@ -18,9 +18,16 @@ _LOG_COLUMNS = [TextLogColumn("loglevel", visible=True), TextLogColumn("body", v
 TIME_AXIS = rrb.TimeAxis(view_range=rrb.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite()))
 
 
-def series(origin: str, name: str, contents: list[str], *, legend: bool = False, axis: rrb.ScalarAxis | None = None) -> rrb.TimeSeriesView:
-    corner = rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend)
-    return rrb.TimeSeriesView(origin=origin, contents=contents, name=name, plot_legend=corner, axis_x=TIME_AXIS, axis_y=axis)
+def series(
+    origin: str,
+    name: str,
+    contents: list[str],
+    *,
+    legend: bool = False,
+    axis: rrb.ScalarAxis | None = None,
+    corner: rrb.Corner2D = rrb.Corner2D.RightTop,
+) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(origin=origin, contents=contents, name=name, plot_legend=rrb.PlotLegend(corner, visible=legend), axis_x=TIME_AXIS, axis_y=axis)
 
 
 def plot(
