@@ -211,9 +211,9 @@ def test_what_a_log_says():
     # Excluded until 299; then another satellite is held as well.
     watched = measure(ours(fault), log(monitor_alarm=[(0, 200, 200, 1)], excluded=[(0, 200, 299, 1), (3, 310, 312, 1)]))
     assert (watched.alarm[0], watched.offset(299)[0], watched.wrong[0]) == (200, 0, 1)
-    # The ratio counts from two epochs after an unbroken alarm on.
-    ratios = [(0, 200, 201, 50.0), (0, 212, 212, 50.0), (0, 250, 250, 15.0), (0, 300, 300, 50.0)]
-    watched = measure(unending(fault), log(monitor_alarm=[(0, 200, 209, 1), (0, 211, 320, 1)], monitor_rho=ratios, monitor_median=[]))
+    # The ratio counts from two epochs after an unbroken alarm on; of the fault's alarm.
+    ratios = [(0, 120, 120, 50.0), (0, 200, 201, 50.0), (0, 212, 212, 50.0), (0, 250, 250, 15.0), (0, 300, 300, 50.0)]
+    watched = measure(unending(fault), log(monitor_alarm=[(0, 110, 125, 1), (0, 200, 209, 1), (0, 211, 320, 1)], monitor_rho=ratios, monitor_median=[]))
     assert [watched.ends[eta][0] for eta in (14.0, 20.0)] == [250, 300]
     assert np.isnan(watched.ends[60.0][0])
     assert Case("ekf", "aime", fault).file == "ekf-aime-0.15-299"
