@@ -113,7 +113,7 @@ run: all ## design, simulate and record the published example, and the study on 
 
 DRAWS = 30
 
-reproduce: all ## three published experiments over 30 random draws (DRAWS=N): tables, figures and recordings in build/reproduce/
+reproduce: all ## four published experiments over 30 random draws (DRAWS=N): tables, figures and recordings in build/reproduce/
 	@$(PYTHON) tools/reproduce --meshkal $(PROGRAM) --out $(BUILD)/reproduce --draws $(DRAWS)
 
 network-monitor: all ## monitors on the published network: false alarms, time to alert, error: tables in build/network-monitor/

@@ -33,6 +33,12 @@ def distributed(needs_program, tmp_path_factory):
     return _batches("distributed-unscented", tmp_path_factory)
 
 
+@pytest.fixture(scope="session")
+def slow(needs_program, tmp_path_factory):
+    """Slow faults, 14 runs."""
+    return _batches("slow-faults", tmp_path_factory)
+
+
 def _batches(paper, tmp_path_factory):
     out = tmp_path_factory.mktemp(paper)
     return out, command(paper, "--meshkal", MESHKAL, "--out", out, "--draws", len(BATCHES), "--first-seed", BATCHES[0], cwd=out)

@@ -274,7 +274,7 @@ def test_value_that_is_not_steady_is_no_value(copy):
 def test_no_draw_at_all(tmp_path):
     done = command("--out", tmp_path, "--report-only", cwd=tmp_path)
     assert done.returncode == 2  # not even a folder
-    for paper in ("local-tolerance", "incomplete-measurements", "distributed-unscented"):
+    for paper in ("local-tolerance", "incomplete-measurements", "distributed-unscented", "slow-faults"):
         (tmp_path / paper).mkdir()
     done = command("--out", tmp_path, "--report-only", cwd=tmp_path)
     assert done.returncode == 1

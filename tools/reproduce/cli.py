@@ -10,11 +10,17 @@ from pathlib import Path
 import distributed_unscented
 import incomplete_measurements
 import local_tolerance
+import slow_faults
 from program import Program, ReproduceError
 
 ROOT = Path(__file__).resolve().parents[2]
 # Each has compute(program, out, seeds, jobs), and report(out, seeds) -> exit status.
-PAPERS = {"local-tolerance": local_tolerance, "incomplete-measurements": incomplete_measurements, "distributed-unscented": distributed_unscented}
+PAPERS = {
+    "local-tolerance": local_tolerance,
+    "incomplete-measurements": incomplete_measurements,
+    "distributed-unscented": distributed_unscented,
+    "slow-faults": slow_faults,
+}
 ALL = "all"
 EXIT_BAD = 2
 

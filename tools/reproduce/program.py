@@ -2,7 +2,10 @@
 """Runs the host program."""
 
 import subprocess
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, BinaryIO
 
 
 class ReproduceError(Exception):
@@ -20,6 +23,23 @@ class Program:
         words = [str(a) for a in arguments]
         return _run([str(self.path), *words], f"meshkal {words[0]}: ")
 
+    def reading(self, read: Callable[[BinaryIO], Any], *arguments: object) -> Any:
+        """read(standard output), while the program writes it. The program's failure comes before one of reading."""
+        words = [str(a) for a in arguments]
+        with tempfile.TemporaryFile("w+") as said, subprocess.Popen([str(self.path), *words], stdout=subprocess.PIPE, stderr=said) as process:
+            try:
+                result, error = read(process.stdout), None
+            except ReproduceError as failure:
+                result, error = None, failure
+            process.stdout.close()
+            status = process.wait()
+            said.seek(0)
+            if status != 0:
+                raise _failure(f"meshkal {words[0]}: ", said.read(), status)
+        if error:
+            raise error
+        return result
+
     def beside(self, name: str, text: str) -> str:
         """What another program, built beside this one, answers to a text."""
         path = self.path.with_name(name)
@@ -31,6 +51,10 @@ class Program:
 def _run(command: list[str], name: str, text: str | None = None) -> str:
     done = subprocess.run(command, input=text, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        said = done.stderr.strip().splitlines()[-1:] or [f"exit status {done.returncode}"]
-        raise ReproduceError(name + said[0].removeprefix("meshkal: ").removeprefix(name))
+        raise _failure(name, done.stderr, done.returncode)
     return done.stdout
+
+
+def _failure(name: str, text: str, status: int) -> ReproduceError:
+    said = text.strip().splitlines()[-1:] or [f"exit status {status}"]
+    return ReproduceError(name + said[0].removeprefix("meshkal: ").removeprefix(name))

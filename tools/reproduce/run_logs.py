@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: MIT
 """What a run's log says, and its recording."""
 
+from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import BinaryIO
 
+import cbor2
 import numpy as np
 import rerun as rr
 from meshkal_rerun.cli import convert_joined
@@ -22,6 +25,29 @@ def over_time(path: Path, key: str) -> np.ndarray:
     if reader.end != "complete":
         raise ReproduceError(f"{path}: the log was cut")
     return values
+
+
+# RFC 8746 tags of the log's number arrays.
+_DTYPES = {64: "u1", 70: "<u4", 85: "<f4", 86: "<f8"}
+
+
+def every_run(stream: BinaryIO, keys: Iterable[str]) -> dict[str, np.ndarray]:
+    """Quantities of all runs, (runs, steps, length); those that the log has. Whether it ends, and nothing else, is checked."""
+    decoder = cbor2.CBORDecoder(stream)
+    try:
+        header, item = decoder.decode(), decoder.decode()
+        wanted = [key for key in keys if key in item]
+        dtypes = {key: _DTYPES[item[key].tag] for key in wanted}
+        parts = {key: [] for key in wanted}
+        while "end" not in item:
+            for key in wanted:
+                parts[key].append(item[key].value)
+            item = decoder.decode()
+    except (cbor2.CBORDecodeError, AttributeError, KeyError, TypeError) as error:
+        raise ReproduceError(f"a log cannot be read: {error}") from None
+    if item["end"] != "complete":
+        raise ReproduceError("a log was cut")
+    return {key: np.frombuffer(b"".join(parts[key]), dtypes[key]).reshape(header["runs"], header["steps"], -1) for key in wanted}
 
 
 def record(logs: list[Path], output: Path) -> None:
