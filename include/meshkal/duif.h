@@ -142,8 +142,8 @@ MK_DECLARE_DUIF_CORE(f64)
  * start a node of zeros refuses everything else: ORDER, 0, or ARGUMENT of secure.
  *
  * name_start(node, config)     Filter to x0 and P0, step 0, counters 0, plain frames. Errors as name_start of unscented.h and consensus.h; ARGUMENT:
- *                              null, nodes named twice, numbers beyond the precision, limit or epsilon negative or not finite; NOT_FINITE:
- *                              origin; SHAPE.
+ *                              null, nodes named twice, row weights (information has none), numbers beyond the precision, limit or epsilon
+ *                              negative or not finite; NOT_FINITE: origin; SHAPE.
  * name_secure(node, secure, aead, sequence)
  *                              As in node.h.
  * name_predict(node, dt, Q)    As in unscented.h, any number of times. ORDER: not before contribute; its errors where they remain from x0 and P0.

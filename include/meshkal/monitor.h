@@ -14,11 +14,27 @@
  *
  * Which sensor. Leaving sensor j out of the pooled estimate takes w_j = v_j' (I_jj)^-1 v_j from q_A, which is chi-square with its rows where all are good
  * (Baarda's test of the average). The sensor whose leaving brings what is left nearest to its threshold is the suspect; where that does not bring it
- * below, a second one is sought among the others, and on, `most` at a time at most.
+ * below, a second one is sought among the others, given an offset of the first, and on, `most` at a time at most. Where no `most` sensors explain
+ * the alarm, or the last of them does it hardly better than another, nobody is suspected: unresolved. w of one less w of another is twice the logarithm
+ * of the likelihood ratio of their offsets: with `separation` s, the wrong one of two, of a row each, is taken with a probability below exp(-s / 2).
+ *
+ * When it is over. A sensor held faulty is not in the sums, but its innovations, which the filter computes without it, are looked at, with unit
+ * variance: u = L^-1 r_j, S_jj = L L'. While the fault goes on, a Kalman filter of level b and slope s follows each row; when it is over, u is normal.
+ *
+ *     at the alarm   b = L^-1 (offset of the sensor in the window),  s = 0,  P = diag(1, 1 / window^2),  C = k = n = 0,  t = T = 0
+ *     each later epoch  b += s,  P := F P F' + diag(q_level, q_slope),  V = 1 + P_11,  l = sum over rows ((u - b)^2 / V - u^2 + log V) / 2
+ *                    C = max(0, C + l);  C > 0: k += 1, t += u, else k = 0, t = 0;  n += 1, T += u
+ *                    (b, s), P: Kalman update with the gain times max(0, 1 - C / h)
+ *     C > h          t' t <= c_0 k: over, as Page's test of the two laws says.  Else the fault has another value: begin with b = t / k; n, T stay.
+ *     n = window     T' T <= c_back n: over: it is too small to be told from none (a wrong isolation, or a fault that shrank), so that no sensor is
+ *                    locked out.  Else n = 0, T = 0
+ *
+ * In an epoch in which it was not read, only b and P are carried on. From the epoch after the end it is watched again: its rows are just not there in
+ * the older epochs of the window. A sensor that vanishes while it is held faulty is held until it is back and its fault is over, or name_clear.
  *
  * Sums. What leaves the window is not subtracted: the window is kept as two stacks, one of sums over its older epochs, one running sum of the
  * newer ones, and every `window` epochs the second becomes the first. Each sum is one of at most `window` terms, whatever the precision, however
- * long it runs; an epoch costs two additions of symmetric matrices, and N / M of that more on average.
+ * long it runs. An epoch costs three additions of symmetric matrices, and every `window` epochs window - 2 more.
  *
  * MK_MONITOR(name, real, m, places, window) declares name_t for up to `places` sensors of up to m rows at a time. N = places x m <= 32.
  * MK_WATCH(name, real, m, slots, window), after the macro of a filter or node of that name, declares with it
@@ -37,9 +53,10 @@ extern "C" {
 /* MK_MONITOR_RCTM      alarm by q_R
    MK_MONITOR_AIME      alarm by q_A
    MK_MONITOR_IMPROVED  AIME with the published decision that a fault is over (spec 3.3): rho = 1 while AIME accepts, q_A / max(q_R, 0.1) in alarm;
-                        over where, from two epochs after the alarm, rho exceeds the median of the last three rho by more than `jump`. Then RCTM alone
-                        for `window` epochs, then AIME again from an empty window.
-   MK_MONITOR_EXCLUDE   AIME; what is isolated is held faulty until the decision below, and the window begins again without it */
+                        over where, from two epochs after the alarm, rho exceeds the median of the last three rho, its own among them, by more than
+                        `jump`: no alarm in that epoch, then RCTM alone for `window` epochs, then AIME again from an empty window.
+   MK_MONITOR_EXCLUDE   AIME; what is isolated is held faulty until the decision above, and the window begins again, empty, without it: the others'
+                        innovations were drawn towards the fault, through the filter */
 enum { MK_MONITOR_RCTM, MK_MONITOR_AIME, MK_MONITOR_IMPROVED, MK_MONITOR_EXCLUDE };
 
 /* Scratch memory, in numbers, of watch; N = places x m. */
@@ -52,20 +69,25 @@ enum { MK_MONITOR_RCTM, MK_MONITOR_AIME, MK_MONITOR_IMPROVED, MK_MONITOR_EXCLUDE
         const mk_##real##_t *threshold; /* N: for 1, 2, .. rows: mk_gate_thresholds(Pfa, N, ..) of meshkal/gate.h */          \
         mk_##real##_t jump;             /* MK_MONITOR_IMPROVED: eta > 0; not published, 2 x window is the best value found */ \
         mk_##real##_t separation;       /* MK_MONITOR_EXCLUDE, >= 0: how much more than the next one's the w of a suspect must be; 0: nothing */ \
-        mk_##real##_t evidence;         /* MK_MONITOR_EXCLUDE, > 0: log likelihood ratio that ends a fault */                 \
+        mk_##real##_t evidence;         /* h of the end of a fault, > 0: mk_monitor_evidence */                               \
+        const mk_##real##_t *zero, *back;   /* m each: its c_0, c_back for 1, 2, .. rows: mk_gate_thresholds(1e-3, ..), (0.1, ..) */ \
+        mk_##real##_t level, slope;     /* its q_level, q_slope, >= 0 */                                                      \
         uint16_t most;                  /* MK_MONITOR_EXCLUDE: sensors held faulty at a time */                               \
         uint8_t scheme;                 /* MK_MONITOR_ */                                                                     \
     } mk_monitor_config_##real##_t;                                                                                           \
                                                                                                                               \
-    /* A sensor that the window holds, or that is held faulty. Read, do not write. */                                         \
+    /* A sensor that the window holds, or that is held faulty; or, unused, that was one. Read, do not write. */                                        \
     typedef struct {                                                                                                          \
         uint16_t id;                                                                                                          \
         uint8_t used;                /* 0: this place is free */                                                              \
-        uint8_t rows;                                                                                                         \
+        uint8_t rows;                /* of its last reading */                                                                \
         uint8_t faulty;                                                                                                       \
-        mk_##real##_t w;             /* of the last epoch */                                                                  \
-        mk_##real##_t ratio;         /* MK_MONITOR_EXCLUDE, faulty: evidence for the end / `evidence` */                      \
-        uint32_t since, until;       /* epochs in which it was last held faulty and no longer */                              \
+        uint8_t begun;               /* faulty: its innovations are being followed */                                         \
+        mk_##real##_t w;             /* of the last epoch; 0 where the window has no rows of it */                            \
+        mk_##real##_t ratio;         /* faulty: evidence for the end, C / h, of the last epoch in which it was read, that of the end among them */ \
+        mk_##real##_t evidence;      /* C, k, n */                                                                            \
+        uint32_t speaking, counted;                                                                                           \
+        uint32_t since, until;       /* epochs from and to which it was last held faulty; 0: never */                         \
         uint32_t faults;             /* times that it was held faulty */                                                      \
     } mk_watched_##real##_t;                                                                                                  \
                                                                                                                               \
@@ -78,11 +100,11 @@ enum { MK_MONITOR_RCTM, MK_MONITOR_AIME, MK_MONITOR_IMPROVED, MK_MONITOR_EXCLUDE
         uint16_t rows, window_rows;           /* degrees of freedom of q_R and q_A */                                         \
         uint16_t held;                        /* epochs that the window holds, at most `window` */                            \
         uint16_t faulty;                      /* sensors held faulty */                                                       \
-        uint16_t failed;                      /* index, in the last call, of the sensor that it failed at */                  \
+        uint16_t failed;                      /* index, in the last call, of the sensor that it failed at; their number: of none */ \
         uint8_t alarm;                        /* 1: the scheme's test refuses this epoch */                                   \
         uint8_t ended;                        /* 1: in this epoch a fault was found to be over */                             \
         uint8_t unresolved;                   /* 1: alarm, but no `most` sensors explain it, or two do as well */             \
-        uint32_t epoch;                       /* epochs watched */                                                            \
+        uint32_t epoch;                       /* epochs watched: the number of the last one */                                \
         uint32_t alarm_since;                 /* epoch in which the present or last alarm began */                            \
         uint32_t alarms, ends;                /* times that one began; decisions that a fault is over */                      \
         uint32_t crowded;                     /* readings that were not watched: no place free */                             \
@@ -92,9 +114,10 @@ enum { MK_MONITOR_RCTM, MK_MONITOR_AIME, MK_MONITOR_IMPROVED, MK_MONITOR_EXCLUDE
         mk_##real##_t rhos[3];                /* the last three */                                                            \
     } mk_monitor_##real##_t;                                                                                                  \
                                                                                                                               \
-    /* Of a row of a sensor held faulty: what the decision on its end keeps. */                                               \
+    /* Of a row of a sensor held faulty: what the decision on its end keeps, in standard deviations of the row's innovation. */ \
     typedef struct {                                                                                                          \
-        mk_##real##_t level, slope, P[3]; /* of the fault, in standard deviations of the row's innovation, a step an epoch */ \
+        mk_##real##_t level, slope, P[3]; /* b, s an epoch, packed P */                                                       \
+        mk_##real##_t sum, all;           /* t, T */                                                                          \
     } mk_fault_##real##_t;                                                                                                    \
                                                                                                                               \
     typedef struct {                                                                                                          \
@@ -107,6 +130,9 @@ enum { MK_MONITOR_RCTM, MK_MONITOR_AIME, MK_MONITOR_IMPROVED, MK_MONITOR_EXCLUDE
         mk_##real##_t *work;                                                                                                  \
     } mk_monitor_view_##real##_t;                                                                                             \
                                                                                                                               \
+    /* evidence := log(epochs / early): while a fault goes on as the tracker models it, it is called over with a probability of at most `early`    \
+       in as many epochs. ARGUMENT: null, early not between 0 and 1, epochs not between 1 and 1e300. */                      \
+    mk_status_t mk_monitor_evidence_##real(double early, double epochs, mk_##real##_t *evidence);                             \
     /* The same functions for dimensions known at run time only; contracts below. */                                          \
     mk_status_t mk_monitor_start_##real(int m, int places, int window, const mk_monitor_view_##real##_t *view,                \
                                         const mk_monitor_config_##real##_t *config);                                          \
@@ -122,12 +148,15 @@ MK_DECLARE_MONITOR(f64)
 /*
  * The typed functions. T is mk_<real>_t. On failure the monitor is as it was, but for `failed` and `rejected`.
  *
- * name_start(monitor, config)  Empty. ARGUMENT: null, thresholds not positive, N > 32, window 0, scheme unknown; SHAPE; NOT_FINITE.
- * name_restart(monitor)        An empty window, nobody faulty; epoch and counters stay.
+ * name_start(monitor, config)  Empty. ARGUMENT: null, thresholds not positive, N > 32, window 0, scheme unknown, or what this scheme needs is null
+ *                              or out of range; SHAPE; NOT_FINITE. What another scheme needs is not looked at.
+ * name_restart(monitor)        An empty window, nobody faulty; epoch and counters stay. ORDER, here and below: not started.
  * name_watch(monitor, sensors, id[sensors], rows[sensors], T r[], T S[])
  *                              One epoch, also one in which nothing was read. rows[l] is 0 for a sensor that was not read; r and packed S hold
- *                              the rows of the others, one sensor after another. ARGUMENT: null, more rows than m, an id twice; NOT_FINITE;
- *                              NOT_POSITIVE_DEFINITE: S; `failed` is the sensor. Cost: one inverse of S, one solve with I.
+ *                              the rows of the others, one sensor after another. ARGUMENT: null, more rows than m, an id twice among those that
+ *                              were read; NOT_FINITE, also where a statistic overflows; NOT_POSITIVE_DEFINITE: S of those not held faulty, or S_jj
+ *                              of one that is; `failed` is the sensor at which it shows. Where I is singular in this precision, the rows that others
+ *                              determine count neither in q_A nor in its degrees. Cost: one inverse of S, one solve with I.
  * name_faulty(monitor, id)     1 if this sensor is held faulty.
  * name_clear(monitor, id)      It no longer is: it was mended. ARGUMENT: it is not held.
  */

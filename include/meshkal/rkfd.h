@@ -155,7 +155,7 @@ MK_DECLARE_RKFD_CORE(f64)
 #define MK_RKFD_WORK(n, m) (3 * MK_PACKED(n) + 2 * (n) + (m) + (n) * (n) + 1)
 #define MK_RKFD_PREDICT_WORK(n, m) (MK_PACKED(n) + (n) * (m) + 4 * MK_PACKED(m))
 /* The same of innovations. */
-#define MK_RKFD_INNOVATIONS_WORK(n, m) (MK_PACKED(n) + (n) * (m) + 2 * MK_PACKED(m))
+#define MK_RKFD_INNOVATIONS_WORK(n, m) (MK_PACKED(n) + (n) * (m) + MK_PACKED(m))
 
 /*
  * The typed functions of MK_RKFD(name, real, n, m, slots). T is mk_<real>_t. Every one returns a status; on failure the object

@@ -5,6 +5,7 @@
 #include <meshkal/duif.h>
 #include <meshkal/kernels.h>
 #include <meshkal/extended.h>
+#include <meshkal/monitor.h>
 #include <meshkal/node.h>
 #include <meshkal/quantile.h>
 #include <meshkal/tracking.h>
@@ -13,6 +14,7 @@
 /* Times that an iterated filter halves its step. */
 #define MK_HALVINGS 4
 
+#include "integrity/rows.h"
 #include "models/motion.h"
 #include "network/frame.h"
 #include "network/link.h"

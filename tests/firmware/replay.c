@@ -107,6 +107,7 @@ static void play(const mk_item_t *it) {
         status = it->length > psi ? node00_incremental_with(&node, numbers(content, N)) : node00_incremental(&node);
     else if (it->kind == MK_ITEM_DIFFUSE) status = node00_diffuse(&node);
     else if (it->kind == MK_ITEM_TOLERANCE) status = node00_set_tolerance(&node, *numbers(content, 1));
+    else if (it->kind == MK_ITEM_DROP) status = node00_drop(&node, mk_get_u16(content));
     else must(0, "an item that this image does not know");
     same("status", -1, (uint64_t)status, it->status, 2);
     if (it->kind == MK_ITEM_INCREMENTAL && psi) same_numbers("psi", node00_intermediate(&node), content + it->length - size);

@@ -26,6 +26,7 @@ enum {
     CALL_RESTART,
     CALL_TOLERANCE,
     CALL_WHOLE,       /* ends a step, and begins one with readings in all slots: what a frozen gain needs */
+    CALL_DROP,        /* slot: innovations, then drop */
     CALL_COUNT
 };
 

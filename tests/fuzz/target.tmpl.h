@@ -163,6 +163,16 @@ static void V(call)(V(fuzzed_t) * f, int kind, const uint8_t *data, size_t size)
         if (V(whole)(&f->b, data, size) != MK_OK) MUST(UNIT(restart)(node, f->b.x0, f->b.P0) == MK_OK);
         break;
     case CALL_RESTART: MUST(UNIT(restart)(node, f->b.x0, f->b.P0) == MK_OK); break;
+    case CALL_DROP: {
+        REAL r[SLOTS * M], S[MK_PACKED(SLOTS * M)];
+        uint8_t rows[SLOTS];
+        const int slot = size ? (int)(int8_t)data[0] % (SLOTS + 1) : SLOTS;
+        MUST(second == (UNIT(innovations)(node, r, S, rows) == MK_ERROR_ORDER));
+        const mk_status_t status = UNIT(drop)(node, slot);
+        MUST(status == (second ? MK_ERROR_ORDER : slot < 0 || slot == SLOTS ? MK_ERROR_ARGUMENT : MK_OK));
+        MUST(status != MK_OK || !node->filter.have_y[slot]);
+        break;
+    }
     case CALL_TOLERANCE: (void)UNIT(set_tolerance)(node, size ? (REAL)(int8_t)data[0] / (REAL)1000.0 : (REAL)NAN); break;
     case CALL_WRONG_ORDER: MUST((second ? UNIT(incremental)(node) : UNIT(diffuse)(node)) == MK_ERROR_ORDER); break;
     case CALL_ADVANCE: {

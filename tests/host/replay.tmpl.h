@@ -156,6 +156,7 @@ static void MK_F(live)(unsigned life, int steps, uint32_t seed, stream_t *out) {
         if (network - node->node.step >= 0x80000000u || (life & TROUBLE && draw(25) == 0)) network = node->node.step + (uint32_t)draw(CATCH_UP);
         MK_F(measure)(node, life);
         MK_F(hear)(node, w, life, network, MK_STAGE_MEASUREMENT, &sequence);
+        if (draw(5) == 0) (void)LIVE(drop)(node, draw(SLOTS + 2) - 1);
         if (life & TROUBLE && draw(20) == 0) (void)LIVE(diffuse)(node); /* ORDER */
         (void)(draw(4) ? LIVE(incremental)(node) : LIVE(incremental_with)(node, input));
         frozen_steps += node->filter.core.frozen;

@@ -31,7 +31,7 @@ static void every_bit(void **unused) {
                 *byte ^= (uint8_t)(1u << bit % 8);
                 repair(&changed, &place[k]);
                 const size_t at = bit / 8 < ITEM_HEAD ? 0 : bit / 8 - ITEM_HEAD;
-                const int is_status = bit < 16, input = item->kind == MK_ITEM_MEASURE || item->kind == MK_ITEM_FRAME;
+                const int is_status = bit < 16, input = item->kind == MK_ITEM_MEASURE || item->kind == MK_ITEM_FRAME || item->kind == MK_ITEM_DROP;
                 if (item->kind == MK_ITEM_CONFIGURATION || (item->kind == MK_ITEM_STATE && is_status)) continue; /* no status; it may stand for much */
                 if (item->kind == MK_ITEM_STATE) { /* its own CRC */
                     assert_int_equal(p.end, MK_END_UNREADABLE);

@@ -12,6 +12,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 UNSCENTED, EXTENDED, PROGRESSIVE, ITERATED, LITERAL = range(5)
 NO_RULE, INNOVATION, MAHALANOBIS = range(3)
 SKIP, INFLATE = range(2)
+NORMAL, STUDENT = range(2)
 NAMES = re.findall(r"^    MK_(\w+)", (ROOT / "include/meshkal/base.h").read_text().split("typedef enum {")[1].split("}")[0], re.M)
 OK = NAMES.index("OK")
 
@@ -42,6 +43,7 @@ class Types:
         def struct(name, *fields):
             return type(name, (ctypes.Structure,), {"_fields_": fields})
         self.gate = struct("Gate", ("sensor", c_void_p), ("stacked", c_void_p), ("patience", c_uint16), ("policy", c_uint8))
+        self.weights = struct("Weights", ("k0", c_void_p), ("k1", c_void_p), ("weight", c_void_p), ("statistic", c_void_p), ("kind", c_uint8))
         self.record = struct("Record", ("d2", real), ("ratio", real), ("accepted", c_uint32), ("rejected", c_uint32), ("inflated", c_uint32),
                              ("since_accepted", c_uint32))
         self.transform = struct("Transform", ("spread", real), ("correction", real))
@@ -51,11 +53,12 @@ class Types:
         self.transition = struct("Transition", ("model", self.model), ("A", c_void_p), ("Q", c_void_p))
         self.config = struct("Config", ("n", c_uint16), ("m", c_uint16), ("slots", c_uint16), ("transition", self.transition), ("sensor", c_void_p),
                              ("x0", c_void_p), ("P0", c_void_p), ("transform", self.transform), ("gate", c_void_p), ("increments", c_uint16),
-                             ("update", c_uint8), ("rule", c_uint8), ("one_at_a_time", c_uint8))
+                             ("update", c_uint8), ("rule", c_uint8), ("one_at_a_time", c_uint8), ("weights", c_void_p))
         self.core = struct("Core", ("config", c_void_p), ("stacked", self.record), ("nis", real),
                            *((name, c_uint16) for name in ("nis_rows", "measurements", "increments", "gated_updates", "failed")),
                            ("stopped", c_uint8), ("started", c_uint8),
-                           *((name, c_uint32) for name in ("predictions", "updates", "rule_fired", "reinitialised", "rejected")))
+                           *((name, c_uint32) for name in ("predictions", "updates", "rule_fired", "reinitialised", "rejected")),
+                           ("weighted_rows", c_uint16), ("unused_rows", c_uint16))
         self.view = struct("View", *((name, c_void_p) for name in ("core", "x", "L", "z", "have", "record", "work")))
 
 
@@ -80,12 +83,12 @@ def transform(n, alpha=1.0, beta=0.0, kappa=0.0):
 class Filter:
     """`code` is the library. Calls return the status. Scratch memory holds NaN before every call, and behind it numbers that must stay.
 
-    motion: a Model, or a matrix A; sensors: pairs (Model, R); gate: dictionary of sensor, stacked (arrays), patience, policy.
+    motion: a Model, or a matrix A; sensors: pairs (Model, R); gate: dictionary of sensor, stacked (arrays), patience, policy; weights: (kind, k0, k1).
     fail: called before every call of a model with "motion" or the slot; what it returns, unless None, is returned (a status), or "nan".
     """
 
     def __init__(self, code, n, motion, Q, sensors, x0, P0, bits=64, kind=UNSCENTED, increments=1, rule=NO_RULE, transform=None, gate=None,
-                 one=0, m=None, fail=None, config=None):
+                 one=0, m=None, fail=None, config=None, weights=None):
         self.code, self.n, self.types, self.keep, self.fail = code, n, TYPES[bits], [], fail or (lambda which: None)
         self.slots, self.m = len(sensors), m or max(model.rows for model, _ in sensors)
         t, slots, rows = self.types, self.slots, self.m * len(sensors)
@@ -105,6 +108,11 @@ class Filter:
             self.gate = t.gate(sensor=self.address(gate.get("sensor")), stacked=self.address(gate.get("stacked")), patience=gate.get("patience", 0),
                                policy=gate.get("policy", SKIP))
             c.gate = ctypes.addressof(self.gate)
+        self.weight, self.statistic = (np.full(rows, np.nan, t.numpy) for _ in range(2))
+        if weights:
+            kind, k0, k1 = weights
+            self.weights = t.weights(self.address(k0), self.address(k1), self.weight.ctypes.data, self.statistic.ctypes.data, kind)
+            c.weights = ctypes.addressof(self.weights)
         for name, value in (config or {}).items():
             setattr(c, name, value)
         self.core, self.record = t.core(), (t.record * slots)()
@@ -115,7 +123,7 @@ class Filter:
         update = (rows * (2 * n + 3) + rows * (rows + 1) // 2 + 2 * packed + n + 2 * self.m + 2 * slots +
                   max((n + self.m) * (2 * n + 1), rows * (n + 1) + rows * (rows + 1) // 2 + 3 * n + packed))
         other = n * n + 2 * packed + 2 * n + self.m * (self.m + 1) // 2
-        self.sizes = {"predict": predict, "update": update, "contribution": update}
+        self.sizes = {"predict": predict, "update": update, "contribution": update, "innovations": update}
         self.other, self.work = other, np.zeros(max(predict, update, other) + 16, t.numpy)
         self.view = t.view(ctypes.addressof(self.core), *(a.ctypes.data for a in (self.x, self.L, self.z, self.have)),
                            ctypes.addressof(self.record), self.work.ctypes.data)
@@ -187,6 +195,20 @@ class Filter:
 
     def drop(self, slot):
         return self.call("drop", self.slots, byref(self.view), slot)
+
+    def move(self, dx):
+        return self.call("move", self.n, byref(self.view), c_void_p(self.address(dx)))
+
+    def innovations(self):
+        """Status, r, S, rows."""
+        most = self.m * self.slots
+        r, S, rows = np.full(most, np.nan, self.types.numpy), np.full(most * (most + 1) // 2, np.nan, self.types.numpy), np.full(self.slots, 77, np.uint8)
+        found = self.call("innovations", self.n, self.m, self.slots, byref(self.view), *(c_void_p(a.ctypes.data) for a in (r, S, rows)))
+        if found != OK:
+            return found, r, S, rows
+        count = int(rows.sum())
+        assert np.isnan(r[count:]).all() and np.isnan(S[count * (count + 1) // 2:]).all()
+        return found, r[:count], unpack(S[:count * (count + 1) // 2], count), rows
 
     def update(self):
         return self.call("update", self.n, self.m, self.slots, byref(self.view))

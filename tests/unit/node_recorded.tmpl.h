@@ -41,6 +41,7 @@ static int V(replay)(V(bench_t) * b, const uint8_t *bytes, size_t length) {
             assert_memory_equal(item.content + item.length - sizeof(REAL) * N, b->node.filter.x, sizeof(REAL) * N);
             break;
         case MK_ITEM_TOLERANCE: status = UNIT(set_tolerance)(&b->node, values[0]); break;
+        case MK_ITEM_DROP: status = UNIT(drop)(&b->node, item.content[0] | item.content[1] << 8); break;
         case MK_ITEM_RESTART: status = UNIT(restart)(&b->node, values, values + N); break;
         default: assert_int_equal(item.kind, MK_ITEM_CONFIGURATION);
         }

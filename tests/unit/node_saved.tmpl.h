@@ -44,6 +44,7 @@ static void V(happen)(V(bench_t) * a, V(bench_t) * b, generator_t *g) {
         else if (kind == 9 && values[15] > 2.4) status[i] = (int)EITHER(advance, (N, M, SLOTS, &view, later), (node, later));
         else if (kind == 9 && values[15] < -2.4) status[i] = (int)EITHER(set_tolerance, (&view, (REAL)0.03), (node, (REAL)0.03));
         else if (kind == 9 && values[14] > 2.4) status[i] = (int)EITHER(restart, (N, SLOTS, &view, a->x0, a->P0), (node, a->x0, a->P0));
+        else if (kind == 9 && values[13] > 0.7) status[i] = (int)EITHER(drop, (&view, slot - 1), (node, slot - 1));
         else if (second) status[i] = (int)EITHER(diffuse, (N, M, SLOTS, &view), (node));
         else status[i] = (int)(i ? MK(mk_node_incremental)(N, M, SLOTS, &view, kind == 9 ? own : NULL) : UNIT(incremental_with)(node, kind == 9 ? own : NULL));
     }

@@ -39,6 +39,16 @@ MK_KERNEL void MK_F(mk_ldl_forward)(int n, int columns, const MK_REAL *MK_RESTRI
     }
 }
 
+/* X := L'^-1 D^-1 X, so that after mk_ldl_forward X is S^-1 X. */
+MK_KERNEL void MK_F(mk_ldl_backward)(int n, int columns, const MK_REAL *MK_RESTRICT L, MK_REAL *MK_RESTRICT X) {
+    for (int i = n - 1; i >= 0; i--)
+        for (int c = 0; c < columns; c++) {
+            MK_REAL *const x = X + i * columns + c;
+            *x *= L[MK_AT(i, i)];
+            for (int k = i + 1; k < n; k++) *x -= L[MK_AT(k, i)] * X[k * columns + c];
+        }
+}
+
 /* Row i of the inverse below, rows above done. Returns 1, or 0 if S is not positive definite. */
 MK_KERNEL int MK_F(mk_inverse_row)(int i, MK_REAL *MK_RESTRICT S, MK_REAL *MK_RESTRICT K, MK_REAL *MK_RESTRICT Z) {
     MK_REAL *const MK_RESTRICT row = K + MK_AT(i, 0);

@@ -101,6 +101,22 @@ MK_KERNEL MK_REAL MK_F(mk_shrink)(int n, int rows, MK_REAL *B, MK_REAL *e, MK_RE
     return nis;
 }
 
+/* L L' := L L' + a a'. a is spoilt. Rotations: the diagonal of L only grows, whatever the scales of both. */
+MK_KERNEL void MK_F(mk_root_add)(int n, MK_REAL *L, MK_REAL *a) {
+    for (int k = 0; k < n; k++) {
+        const MK_REAL d = L[MK_AT(k, k)], size = a[k] < MK_R(0.0) ? -a[k] : a[k];
+        if (size == MK_R(0.0)) continue;
+        const MK_REAL most = size > d ? size : d, ratio = size > d ? d / size : size / d, root = most * MK_F(mk_sqrt)(MK_R(1.0) + ratio * ratio);
+        const MK_REAL c = d / root, s = a[k] / root;
+        L[MK_AT(k, k)] = root;
+        for (int i = k + 1; i < n; i++) {
+            const MK_REAL old = L[MK_AT(i, k)];
+            L[MK_AT(i, k)] = c * old + s * a[i];
+            a[i] = c * a[i] - s * old;
+        }
+    }
+}
+
 /* L L' := L L' - d d'. d is spoilt; work: 2 n numbers. Returns 1, or 0 if that is not positive definite; L is as before then. */
 MK_KERNEL int MK_F(mk_downdate)(int n, MK_REAL *L, MK_REAL *d, MK_REAL *work) {
     MK_REAL rest = MK_R(1.0);

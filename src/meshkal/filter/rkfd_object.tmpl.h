@@ -189,32 +189,76 @@ mk_status_t MK_F(mk_rkfd_covariance)(int n, const MK_F_T(mk_rkfd_view) * view, M
     return MK_F(mk_invert)(n, view->W, V, view->work);
 }
 
-mk_status_t MK_F(mk_rkfd_predict)(int n, int m, const MK_F_T(mk_rkfd_view) * view, int slot, MK_REAL *innovation,
-                                  MK_REAL *variance) {
-    const MK_F_T(mk_rkfd_config) *const config = view->core->config;
+mk_status_t MK_F(mk_rkfd_drop)(const MK_F_T(mk_rkfd_view) * view, int slot) {
     if (view->core->stage != 1) return MK_ERROR_ORDER;
-    if (!innovation || !variance || slot < 0 || slot >= config->slots || !view->have_y[slot]) return MK_ERROR_ARGUMENT;
-    const int rows = config->rows[slot];
+    if (slot < 0 || slot >= view->core->config->slots) return MK_ERROR_ARGUMENT;
+    view->have_y[slot] = 0;
+    return MK_OK;
+}
+
+/* Innovation e of a filled slot, and rows first .. of packed S from column first on: its variance, R + X' D^-1 X. L: what mk_ldl makes of W; X (n x m) becomes
+   L^-1 C'. R: scratch, packed m. */
+static mk_status_t MK_F(mk_rkfd_innovation)(int n, int m, const MK_F_T(mk_rkfd_view) * view, int slot, int first, const MK_REAL *L, MK_REAL *X, MK_REAL *R,
+                                            MK_REAL *e, MK_REAL *S) {
+    const MK_F_T(mk_rkfd_config) *const config = view->core->config;
     const MK_REAL *const C = config->C + slot * m * n;
-    MK_REAL *const L = view->work, *const X = L + MK_AT(n, 0), *const R = X + n * m, *const scratch = R + MK_AT(m, 0);
-    for (int i = 0; i < MK_AT(n, 0); i++) L[i] = view->W[i];
-    if (!MK_F(mk_ldl)(n, L)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
-    if (rows > 0 && MK_F(mk_invert)(rows, config->R_inverse + slot * MK_AT(m, 0), R, scratch) != MK_OK)
-        return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    const int rows = config->rows[slot];
+    if (rows > 0 && MK_F(mk_invert)(rows, config->R_inverse + slot * MK_AT(m, 0), R, R) != MK_OK) return MK_ERROR_NOT_POSITIVE_DEFINITE;
     for (int i = 0; i < n; i++)
         for (int r = 0; r < m; r++) X[i * m + r] = C[r * n + i];
     MK_F(mk_ldl_forward)(n, m, L, X);
-    for (int r = 0; r < m; r++) {
+    for (int r = 0; r < rows; r++) {
         MK_REAL predicted = MK_R(0.0);
         for (int j = 0; j < n && view->have_y[slot] == 1; j++) predicted += C[r * n + j] * view->x[j];
-        innovation[r] = r < rows ? view->y[slot * m + r] - predicted : MK_R(0.0);
+        e[r] = view->y[slot * m + r] - predicted;
         for (int s = 0; s <= r; s++) {
-            MK_REAL sum = r < rows ? R[MK_AT(r, s)] : MK_R(0.0);
+            MK_REAL sum = R[MK_AT(r, s)];
             for (int k = 0; k < n; k++) sum += L[MK_AT(k, k)] * X[k * m + r] * X[k * m + s];
-            variance[MK_AT(r, s)] = sum;
+            S[MK_AT(first + r, first + s)] = sum;
         }
     }
+    return MK_OK;
+}
+
+mk_status_t MK_F(mk_rkfd_predict)(int n, int m, const MK_F_T(mk_rkfd_view) * view, int slot, MK_REAL *innovation,
+                                  MK_REAL *variance) {
+    if (view->core->stage != 1) return MK_ERROR_ORDER;
+    if (!innovation || !variance || slot < 0 || slot >= view->core->config->slots || !view->have_y[slot]) return MK_ERROR_ARGUMENT;
+    MK_REAL *const L = view->work, *const X = L + MK_AT(n, 0);
+    for (int i = 0; i < MK_AT(n, 0); i++) L[i] = view->W[i];
+    if (!MK_F(mk_ldl)(n, L)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    for (int r = 0; r < m; r++) innovation[r] = MK_R(0.0);
+    for (int i = 0; i < MK_AT(m, 0); i++) variance[i] = MK_R(0.0);
+    const mk_status_t status = MK_F(mk_rkfd_innovation)(n, m, view, slot, 0, L, X, X + n * m, innovation, variance);
+    if (status != MK_OK) return status;
     return MK_F(mk_all_finite)(m, innovation) && MK_F(mk_all_finite)(MK_AT(m, 0), variance) ? MK_OK : MK_ERROR_NOT_FINITE;
+}
+
+mk_status_t MK_F(mk_rkfd_innovations)(int n, int m, int slots, const MK_F_T(mk_rkfd_view) * view, MK_REAL *r, MK_REAL *S, uint8_t *rows) {
+    if (!r || !S || !rows) return MK_ERROR_ARGUMENT;
+    if (view->core->stage != 1) return MK_ERROR_ORDER;
+    const MK_F_T(mk_rkfd_config) *const config = view->core->config;
+    MK_REAL *const L = view->work, *const X = L + MK_AT(n, 0);
+    for (int i = 0; i < MK_AT(n, 0); i++) L[i] = view->W[i];
+    if (!MK_F(mk_ldl)(n, L)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
+    int first = 0;
+    for (int l = 0; l < slots; l++) {
+        rows[l] = view->have_y[l] ? config->rows[l] : 0;
+        if (rows[l] == 0) continue;
+        const mk_status_t status = MK_F(mk_rkfd_innovation)(n, m, view, l, first, L, X, X + n * m, r + first, S);
+        if (status != MK_OK) return status;
+        /* X := V C_l', and with it the blocks to the left of this sensor's own. */
+        MK_F(mk_ldl_backward)(n, m, L, X);
+        for (int k = 0, before = 0; k < l; before += rows[k++])
+            for (int c = 0; c < rows[l]; c++)
+                for (int s = 0; s < rows[k]; s++) {
+                    MK_REAL sum = MK_R(0.0);
+                    for (int i = 0; i < n; i++) sum += config->C[(k * m + s) * n + i] * X[i * m + c];
+                    S[MK_AT(first + c, before + s)] = sum;
+                }
+        first += rows[l];
+    }
+    return MK_F(mk_all_finite)(first, r) && MK_F(mk_all_finite)(MK_AT(first, 0), S) ? MK_OK : MK_ERROR_NOT_FINITE;
 }
 
 /* sum + v' M v, M packed. */
@@ -228,11 +272,7 @@ MK_REAL MK_F(mk_rkfd_exact_nis)(const MK_F_T(mk_rkfd_config) * config, const MK_
                                 const uint8_t *have_y, const MK_REAL *L, MK_REAL *b, MK_REAL *e) {
     const int n = config->n, m = config->m;
     const MK_REAL *C = config->C;
-    /* d = L^-T D^-1 b, from the last row up. */
-    for (int i = n - 1; i >= 0; i--) {
-        b[i] *= L[MK_AT(i, i)];
-        for (int k = i + 1; k < n; k++) b[i] -= L[MK_AT(k, i)] * b[k];
-    }
+    MK_F(mk_ldl_backward)(n, 1, L, b); /* d */
     MK_REAL sum = MK_F(mk_quadratic)(n, W, b, MK_R(0.0));
     for (int l = 0; l < config->slots; l++) {
         /* e = (y - C x) - C d; without C x where the slot holds an innovation. */

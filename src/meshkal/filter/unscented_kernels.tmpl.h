@@ -15,6 +15,7 @@ typedef struct {
     MK_REAL *factor;                 /* slots: what the gate says of a sensor, 0 where there is nothing to use */
     MK_REAL *d2, together;           /* slots: and why; of all together, negative if they were not judged */
     MK_REAL nis;
+    int weighed, weighted_rows, unused_rows; /* row weights have been applied; rows with one below 1, and with 0 */
     MK_F_T(mk_linear) linear;        /* stacked */
     MK_REAL *e;                      /* innovations, stacked */
     MK_REAL *noise;                  /* R as the gate inflates it, packed and stacked */
@@ -72,6 +73,19 @@ MK_KERNEL MK_REAL MK_F(mk_residual)(int n, const MK_F_T(mk_transform) * transfor
     MK_UNROLL for (int j = 0; j < n; j++) sum += u[j] * v[j];
     return sum * half_w + b * l->mu[r] * l->mu[s] + (MK_R(1.0) + b) * (l->epsilon[r] * l->mu[s] + l->mu[r] * l->epsilon[s]) +
            (MK_R(2.0) + b) * l->epsilon[r] * l->epsilon[s];
+}
+
+/* The same of stacked rows; an update that needs no transform has none. */
+MK_KERNEL MK_REAL MK_F(mk_stack_residual)(int n, const MK_F_T(mk_updating) * u, int r, int s) {
+    const MK_F_T(mk_transform) *const transform = &u->config->transform;
+    return u->config->update == MK_UPDATE_EXTENDED ? MK_R(0.0) : MK_F(mk_residual)(n, transform, MK_R(0.25) / transform->spread, &u->linear, r, s);
+}
+
+/* Element (r, s) of Omega + D D'. */
+MK_KERNEL MK_REAL MK_F(mk_stack_spread)(int n, const MK_F_T(mk_updating) * u, int r, int s) {
+    MK_REAL sum = MK_F(mk_stack_residual)(n, u, r, s);
+    for (int i = 0; i < n; i++) sum += u->linear.D[r * n + i] * u->linear.D[s * n + i];
+    return sum;
 }
 
 /* B, b := D, e of `rows` stacked rows from `first` with unit variance instead of scale noise + Omega. 1, or 0: that is not positive definite. */

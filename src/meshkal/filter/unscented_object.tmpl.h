@@ -66,7 +66,8 @@ static mk_status_t MK_F(mk_unscented_check)(int n, int m, int slots, const MK_F_
         const mk_status_t status = MK_F(mk_factor)(sensor->rows, sensor->R, work);
         if (status != MK_OK) return status;
     }
-    return config->gate ? MK_F(mk_gate_check)(config->gate, m, m * slots) : MK_OK;
+    const mk_status_t weights = config->weights ? MK_F(mk_row_weights_check)(config->weights, config->update, m * slots) : MK_OK;
+    return weights == MK_OK && config->gate ? MK_F(mk_gate_check)(config->gate, m, m * slots) : weights;
 }
 
 static mk_status_t MK_F(mk_unscented_reset)(int n, int slots, const MK_F_T(mk_unscented_view) * view, const MK_REAL *x0, const MK_REAL *P0) {
@@ -118,6 +119,16 @@ mk_status_t MK_F(mk_unscented_drop)(int slots, const MK_F_T(mk_unscented_view) *
     if (!view->core->started) return MK_ERROR_ORDER;
     if (slot < 0 || slot >= slots) return MK_ERROR_ARGUMENT;
     view->have[slot] = 0;
+    return MK_OK;
+}
+
+mk_status_t MK_F(mk_unscented_move)(int n, const MK_F_T(mk_unscented_view) * view, const MK_REAL *dx) {
+    if (!view->core->started) return MK_ERROR_ORDER;
+    if (!dx) return MK_ERROR_ARGUMENT;
+    MK_REAL probe = MK_R(0.0);
+    for (int i = 0; i < n; i++) probe += (view->x[i] + dx[i]) * MK_R(0.0);
+    if (!(probe == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
+    for (int i = 0; i < n; i++) view->x[i] += dx[i];
     return MK_OK;
 }
 

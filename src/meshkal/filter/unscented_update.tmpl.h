@@ -88,15 +88,9 @@ static MK_REAL MK_F(mk_stack_distance)(MK_F_T(mk_updating) * u, int first, int r
 
 /* Innovation variance times f, by the noise: f noise + (f - 1) (Omega + D D'). */
 static void MK_F(mk_stack_inflate)(MK_F_T(mk_updating) * u, int first, int rows, MK_REAL f) {
-    const int n = u->n;
-    const MK_REAL half_w = MK_R(0.25) / u->config->transform.spread;
-    const int extended = u->config->update == MK_UPDATE_EXTENDED;
     for (int r = first; r < first + rows; r++)
-        for (int s = first; s <= r; s++) {
-            MK_REAL spread = extended ? MK_R(0.0) : MK_F(mk_residual)(n, &u->config->transform, half_w, &u->linear, r, s);
-            for (int i = 0; i < n; i++) spread += u->linear.D[r * n + i] * u->linear.D[s * n + i];
-            u->noise[MK_AT(r, s)] = f * u->noise[MK_AT(r, s)] + (f - MK_R(1.0)) * spread;
-        }
+        for (int s = first; s <= r; s++)
+            u->noise[MK_AT(r, s)] = f * u->noise[MK_AT(r, s)] + (f - MK_R(1.0)) * MK_F(mk_stack_spread)(u->n, u, r, s);
 }
 
 /* What the gate's record will say, without saying it yet. */
@@ -190,6 +184,11 @@ static mk_status_t MK_F(mk_use)(MK_F_T(mk_updating) * u, MK_REAL scale) {
     const MK_REAL nis = u->kernels->absorb(u, 0, u->rows, scale, u->L, u->x);
     if (nis < MK_R(0.0)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
     if (u->nis < MK_R(0.0)) u->nis = nis;
+    if (u->config->weights) {
+        const mk_status_t status = MK_F(mk_reweigh)(u);
+        if (status != MK_OK) return status;
+        if (!(u->nis <= MK_LARGEST)) u->nis = MK_LARGEST; /* of a reading that is not used */
+    }
     return MK_F(mk_all_finite)(u->n, u->x) && MK_F(mk_all_finite)(MK_AT(u->n, 0), u->L) && MK_F(mk_is_factor)(u->n, u->L) ? MK_OK : MK_ERROR_NOT_FINITE;
 }
 
@@ -341,8 +340,10 @@ mk_status_t MK_F(mk_unscented_update_with)(int n, int m, int slots, const MK_F_T
             done = 1;
         }
     }
-    if (status == MK_OK) MK_F(mk_unscented_commit)(&u, done, stopped);
-    return status;
+    if (status != MK_OK) return status;
+    MK_F(mk_unscented_commit)(&u, done, stopped);
+    if (u.config->weights) MK_F(mk_weights_commit)(&u);
+    return MK_OK;
 }
 
 mk_status_t MK_F(mk_unscented_update)(int n, int m, int slots, const MK_F_T(mk_unscented_view) * view) {
@@ -352,36 +353,4 @@ mk_status_t MK_F(mk_unscented_update)(int n, int m, int slots, const MK_F_T(mk_u
 
 mk_status_t MK_F(mk_unscented_predict)(int n, const MK_F_T(mk_unscented_view) * view, MK_REAL dt, const MK_REAL *Q) {
     return MK_F(mk_inline_unscented_predict)(n, view, view->work + 2 * n * (2 * n + 1), dt, Q);
-}
-
-mk_status_t MK_F(mk_unscented_contribution)(int n, int m, int slots, const MK_F_T(mk_unscented_view) * view, int without_residual, MK_REAL *s,
-                                            MK_REAL *S) {
-    MK_F_T(mk_updating) u;
-    if (!s || !S) return MK_ERROR_ARGUMENT;
-    if (!view->core->started) return MK_ERROR_ORDER;
-    const MK_F_T(mk_unscented_kernels) kernels = MK_F(mk_shared_kernels)();
-    MK_F(mk_updating_open)(n, m, slots, view, &kernels, &u);
-    const mk_status_t status = MK_F(mk_prepare)(&u);
-    if (status != MK_OK) return status;
-    if (u.rows > 0 && u.nis < MK_R(0.0)) u.nis = MK_F(mk_stack_distance)(&u, 0, u.rows);
-    if (!MK_F(mk_stack_whiten)(n, &u, 0, u.rows, MK_R(1.0), !without_residual)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
-    /* Rows of B: H = D L^-1, whitened; b: nu + H x. */
-    for (int r = 0; r < u.rows; r++) {
-        MK_REAL *const h = u.B + r * n;
-        MK_F(mk_solve_right)(n, u.L0, h);
-        for (int i = 0; i < n; i++) u.b[r] += h[i] * u.x[i];
-    }
-    MK_REAL probe = MK_R(0.0);
-    for (int pass = 0; pass < 2; pass++) /* looks before it writes */
-        for (int i = 0; i < n; i++)
-            for (int j = -1; j <= i; j++) {
-                MK_REAL sum = MK_R(0.0);
-                for (int r = 0; r < u.rows; r++) sum += u.B[r * n + i] * (j < 0 ? u.b[r] : u.B[r * n + j]);
-                if (pass == 0) probe += sum * MK_R(0.0);
-                else if (j < 0) s[i] = sum;
-                else S[MK_AT(i, j)] = sum;
-                if (pass == 1 && !(probe == MK_R(0.0))) return MK_ERROR_NOT_FINITE;
-            }
-    MK_F(mk_unscented_commit)(&u, 0, 0);
-    return MK_OK;
 }

@@ -2,7 +2,7 @@
 /* The node object of meshkal/duif.h: an unscented filter whose readings go into a consensus. Part of the shared build, with run-time dimensions. */
 
 static mk_status_t MK_F(mk_duif_check)(int n, int slots, const MK_F_T(mk_duif_config) * config) {
-    if (!config || !config->nodes || n < 1) return MK_ERROR_ARGUMENT;
+    if (!config || !config->nodes || n < 1 || config->filter.weights) return MK_ERROR_ARGUMENT;
     if (config->numbers > MK_NUMBERS_F16 || (MK_BITS == 32 && config->numbers == MK_NUMBERS_F64)) return MK_ERROR_ARGUMENT;
     if (!(config->limit >= MK_R(0.0) && config->limit <= MK_LARGEST) || !(config->epsilon >= MK_R(0.0) && config->epsilon <= MK_LARGEST))
         return MK_ERROR_ARGUMENT;

@@ -166,6 +166,17 @@ mk_status_t MK_F(mk_node_set_tolerance)(const MK_F_T(mk_node_view) * view, MK_RE
     return status;
 }
 
+mk_status_t MK_F(mk_node_drop)(const MK_F_T(mk_node_view) * view, int slot) {
+    if (!view->node->config) return MK_ERROR_ORDER;
+    const mk_status_t status = MK_F(mk_rkfd_drop)(&view->filter, slot);
+    uint8_t *const content = view->node->recorder ? mk_item_begin(view->node->recorder, MK_ITEM_DROP, status, 2) : 0;
+    if (content) {
+        mk_put_u16(content, slot < 0 || slot > UINT16_MAX ? UINT16_MAX : (uint16_t)slot); /* no slot either */
+        mk_item_end(view->node->recorder);
+    }
+    return status;
+}
+
 mk_status_t MK_F(mk_node_restart)(int n, int slots, const MK_F_T(mk_node_view) * view, const MK_REAL *x0, const MK_REAL *P0) {
     const mk_status_t status = MK_F(mk_rkfd_restart)(n, slots, &view->filter, x0, P0);
     if (view->node->recorder && x0 && P0) MK_F(mk_note_restart)(n, view, status, x0, P0);

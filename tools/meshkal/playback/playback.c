@@ -30,8 +30,8 @@ typedef struct {
     uint32_t stood;
 } mk_playing_t;
 
-static const char *const names[MK_ITEM_KINDS] = {NULL,     "configuration", "state",   "measure",   "frame",
-                                                 "incremental", "diffuse",       "advance", "tolerance", "restart"};
+static const char *const names[MK_ITEM_KINDS] = {NULL,      "configuration", "state",     "measure", "frame", "incremental",
+                                                 "diffuse", "advance",       "tolerance", "restart", "drop"};
 
 const char *mk_item_name(int kind) { return kind > 0 && kind < MK_ITEM_KINDS ? names[kind] : NULL; }
 

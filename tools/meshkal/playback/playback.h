@@ -7,7 +7,7 @@
 
 #include "host_node.h"
 
-enum { MK_ITEM_KINDS = MK_ITEM_RESTART + 1 };
+enum { MK_ITEM_KINDS = MK_ITEM_DROP + 1 };
 
 /* Where an item of the record is and what it says; the first value in it that differs. */
 typedef struct {

@@ -66,6 +66,7 @@ static void MK_F(player_lengths)(const void *player, const mk_item_t *item, size
     case MK_ITEM_DIFFUSE: *least = *most = 4 + size * n; break;
     case MK_ITEM_ADVANCE: *least = *most = 8 + size * n; break;
     case MK_ITEM_TOLERANCE: *least = *most = size; break;
+    case MK_ITEM_DROP: *least = *most = 2; break;
     case MK_ITEM_RESTART: *least = *most = size * (n + MK_PACKED(n)); break;
     default: break;
     }
@@ -124,6 +125,7 @@ static int MK_F(player_play)(void *player, const mk_item_t *item, mk_difference_
         MK_F(get_numbers)(content, 1, g->input);
         status = MK_F(mk_node_set_tolerance)(view, g->input[0]);
         break;
+    case MK_ITEM_DROP: status = MK_F(mk_node_drop)(view, mk_get_u16(content)); break;
     default:
         MK_F(get_numbers)(content, (size_t)(h->n + MK_PACKED(h->n)), g->input);
         status = MK_F(mk_node_restart)(h->n, h->slots, view, g->input, g->input + h->n);
