@@ -124,6 +124,7 @@ endef
 FIRMWARE_VECTORS = $(foreach b,32 64,$(eval $(call FIRMWARE_VECTORS_FOR,$(1),$(2),$(3),$(4),$(5),$(6),$(b))))
 $(call FIRMWARE_VECTORS,vectors,tests/firmware/vectors.c tests/firmware/vectors_models.c)
 $(call FIRMWARE_VECTORS,unscented,tests/firmware/vectors_unscented.c)
+$(call FIRMWARE_VECTORS,monitor,tests/firmware/vectors_monitor.c)
 
 # A network whose nodes all run in one image: headers of meshkal design, readings and losses of meshkal simulate.
 define FIRMWARE_NETWORK
