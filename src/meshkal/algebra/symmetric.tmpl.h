@@ -39,14 +39,18 @@ MK_KERNEL void MK_F(mk_ldl_forward)(int n, int columns, const MK_REAL *MK_RESTRI
     }
 }
 
-/* X := L'^-1 D^-1 X, so that after mk_ldl_forward X is S^-1 X. */
-MK_KERNEL void MK_F(mk_ldl_backward)(int n, int columns, const MK_REAL *MK_RESTRICT L, MK_REAL *MK_RESTRICT X) {
-    for (int i = n - 1; i >= 0; i--)
-        for (int c = 0; c < columns; c++) {
-            MK_REAL *const x = X + i * columns + c;
-            *x *= L[MK_AT(i, i)];
-            for (int k = i + 1; k < n; k++) *x -= L[MK_AT(k, i)] * X[k * columns + c];
+/* x := L'^-1 D^-1 x, so that after mk_ldl_forward x is S^-1 x. x: n numbers, each `step` behind the one before. */
+MK_KERNEL void MK_F(mk_ldl_backward)(int n, int step, const MK_REAL *MK_RESTRICT L, MK_REAL *MK_RESTRICT x) {
+    for (int i = n - 1; i >= 0; i--) {
+        const MK_REAL *l = L + MK_AT(i, i), *known = x + i * step; /* down a column of L: a row further are as many numbers as it has */
+        MK_REAL sum = *known * *l;
+        for (int k = i + 1; k < n; k++) {
+            l += k;
+            known += step;
+            sum -= *l * *known;
         }
+        x[i * step] = sum;
+    }
 }
 
 /* Row i of the inverse below, rows above done. Returns 1, or 0 if S is not positive definite. */

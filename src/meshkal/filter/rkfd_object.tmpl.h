@@ -248,7 +248,7 @@ mk_status_t MK_F(mk_rkfd_innovations)(int n, int m, int slots, const MK_F_T(mk_r
         const mk_status_t status = MK_F(mk_rkfd_innovation)(n, m, view, l, first, L, X, X + n * m, r + first, S);
         if (status != MK_OK) return status;
         /* X := V C_l', and with it the blocks to the left of this sensor's own. */
-        MK_F(mk_ldl_backward)(n, m, L, X);
+        for (int c = 0; c < m; c++) MK_F(mk_ldl_backward)(n, m, L, X + c);
         for (int k = 0, before = 0; k < l; before += rows[k++])
             for (int c = 0; c < rows[l]; c++)
                 for (int s = 0; s < rows[k]; s++) {
