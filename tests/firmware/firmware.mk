@@ -6,7 +6,7 @@
 # To add an image, anywhere after this file is included:
 #   $(eval $(call FIRMWARE_IMAGE,NAME,SOURCES,FLAGS,PREREQUISITES,TARGETS))
 # NAME.elf is SOURCES (C files), the library and the port, for TARGETS (default: all six). FLAGS (-I, -D) are for its own sources only,
-# which are compiled after PREREQUISITES (generated headers) are made. An image named *-f32 promises single precision: where the
+# which are compiled after PREREQUISITES (generated headers) are made; FIRMWARE_LINK_NAME, set before, is for the linker. An image named *-f32 promises single precision: where the
 # hardware has no other, its symbols are checked for that. To run it as a test:
 #   $(eval $(call FIRMWARE_TEST,NAME,ARGUMENTS,STATUS,TEXT,AFTER))
 # (add files that it reads to FIRMWARE_DATA) passes on every target of the image if it exits with STATUS (default 0) and, where given, writes
@@ -78,7 +78,7 @@ $(FIRMWARE)/$(5)/$(1).elf: $(patsubst %.c,$(FIRMWARE)/$(5)/$(1)/%.o,$(2)) $(FIRM
 		port/bare/image.ld port/$(FIRMWARE_PORT_$(5))/$(FIRMWARE_BOARD_$(5)).ld
 	@echo "  LD $$@"
 	@$(FIRMWARE_PREFIX_$(5))gcc $(FIRMWARE_CODE_$(5)) --specs=picolibc.specs -nostartfiles -Wl,--gc-sections -Wl,--fatal-warnings -Lport/bare \
-	  -Tport/$(FIRMWARE_PORT_$(5))/$(FIRMWARE_BOARD_$(5)).ld -Wl,-Map=$(FIRMWARE)/$(5)/$(1).map $$(filter %.o,$$^) -o $$@
+	  -Tport/$(FIRMWARE_PORT_$(5))/$(FIRMWARE_BOARD_$(5)).ld -Wl,-Map=$(FIRMWARE)/$(5)/$(1).map $(FIRMWARE_LINK_$(1)) $$(filter %.o,$$^) -o $$@
 -include $(patsubst %.c,$(FIRMWARE)/$(5)/$(1)/%.d,$(2))
 FIRMWARE_IMAGES += $(FIRMWARE)/$(5)/$(1).elf
 endef
@@ -125,6 +125,9 @@ FIRMWARE_VECTORS = $(foreach b,32 64,$(eval $(call FIRMWARE_VECTORS_FOR,$(1),$(2
 $(call FIRMWARE_VECTORS,vectors,tests/firmware/vectors.c tests/firmware/vectors_models.c)
 $(call FIRMWARE_VECTORS,unscented,tests/firmware/vectors_unscented.c)
 $(call FIRMWARE_VECTORS,monitor,tests/firmware/vectors_monitor.c)
+# 17 states in float64: all of the smallest target's memory, less what these filters leave of the stack.
+FIRMWARE_LINK_weighted-f64 := -Wl,--defsym=mk_stack_size=0x0a00
+$(call FIRMWARE_VECTORS,weighted,tests/firmware/vectors_weighted.c)
 
 # A network whose nodes all run in one image: headers of meshkal design, readings and losses of meshkal simulate.
 define FIRMWARE_NETWORK

@@ -17,7 +17,7 @@
 typedef enum { VECTORS_SHARED, VECTORS_UNROLLED } vectors_kernels_t;
 
 /* All vectors of an image, through the kernels of the library or those unrolled for the vectors' dimensions (or what else its two passes differ
-   in): both must tell the same. Given by vectors.c, vectors_unscented.c or vectors_duif.c. */
+   in): both must tell the same. Given by vectors.c, vectors_unscented.c, vectors_duif.c, vectors_monitor.c or vectors_weighted.c. */
 void vectors_run(vectors_kernels_t kernels);
 /* What the passes are called. */
 extern const char *const vectors_passes[2];
@@ -41,5 +41,7 @@ void draw_covariance(int n, int spread, MK_REAL size, MK_REAL *P);
 void vector_begin(const char *name, int n, int m, int slots, int number);
 void vector_numbers(const char *what, int count, const MK_REAL *values);
 void vector_word(const char *what, uint32_t value);
+/* What the vectors must have come through, or they show less than they say: ends the program where it is not so. */
+void vector_must(const char *what, int good);
 
 #endif

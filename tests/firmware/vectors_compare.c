@@ -84,6 +84,10 @@ void vector_numbers(const char *what, int count, const MK_REAL *values) {
     }
 }
 
+void vector_must(const char *what, int good) {
+    if (!good) fail(what);
+}
+
 static void compare(const char *path, vectors_kernels_t chosen) {
     pass = vectors_passes[chosen];
     file = mk_file_open(path, MK_FILE_READ);

@@ -41,6 +41,12 @@ void vector_numbers(const char *what, int numbers, const MK_REAL *values) {
     }
 }
 
+void vector_must(const char *what, int good) {
+    if (good) return;
+    (void)fprintf(stderr, "vectors_write: %s: these vectors never come to this: %s\n", vector, what);
+    exit(1);
+}
+
 int main(void) {
     vectors_run(VECTORS_SHARED);
     writing = 0;

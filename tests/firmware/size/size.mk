@@ -41,11 +41,27 @@ $(call FIRMWARE_IMAGE_FOR,size-duif-$(2),tests/firmware/size/duif.c tests/firmwa
 SIZE_IMAGES += $(FIRMWARE)/$(1)/size-duif-$(2).elf
 SIZE_PLAN += '$(1)|duif-$(2)|$(FIRMWARE_PREFIX_$(1))|$(FIRMWARE_QEMU_$(1))'
 endef
+# The integrity monitor, places-m-window, and an extended filter with and without row weights.
+SIZE_MONITOR := 6-2-10-f32 8-1-10-f32 16-1-10-f32
+define SIZE_MONITOR_IMAGE
+$(call FIRMWARE_IMAGE_FOR,size-monitor-$(2),tests/firmware/size/monitor.c tests/firmware/size/monitor_node.c,-DSIZE_PLACES=$(call size_word,$(2),1) \
+  -DSIZE_M=$(call size_word,$(2),2) -DSIZE_WINDOW=$(call size_word,$(2),3),,$(1))
+SIZE_IMAGES += $(FIRMWARE)/$(1)/size-monitor-$(2).elf
+SIZE_PLAN += '$(1)|monitor-$(2)|$(FIRMWARE_PREFIX_$(1))|$(FIRMWARE_QEMU_$(1))'
+endef
+define SIZE_WEIGHTED_IMAGE
+$(call FIRMWARE_IMAGE_FOR,size-weighted-$(2),tests/firmware/size/weighted.c tests/firmware/size/unscented_node.c,-DSIZE_N=$(call size_word,$(2),1) \
+  -DSIZE_M=$(call size_word,$(2),2) -DSIZE_SLOTS=$(call size_word,$(2),3) -DSIZE_BITS=32 -DSIZE_UNROLLED=0,,$(1))
+SIZE_IMAGES += $(FIRMWARE)/$(1)/size-weighted-$(2).elf
+SIZE_PLAN += '$(1)|weighted-$(2)|$(FIRMWARE_PREFIX_$(1))|$(FIRMWARE_QEMU_$(1))'
+endef
 # Not among the images of make firmware.
 SIZE_OTHERS := $(FIRMWARE_IMAGES)
 $(foreach t,$(FIRMWARE_TARGETS),$(foreach s,$(SIZE_SHAPES_$(t)),$(eval $(call SIZE_IMAGE,$(t),$(s)))))
 $(foreach s,$(SIZE_UNSCENTED),$(eval $(call SIZE_UNSCENTED_IMAGE,m4f,$(s))))
 $(eval $(call SIZE_DUIF_IMAGE,m4f,4-1-4-f32-shared))
+$(foreach s,$(SIZE_MONITOR),$(eval $(call SIZE_MONITOR_IMAGE,m4f,$(s))))
+$(eval $(call SIZE_WEIGHTED_IMAGE,m4f,17-1-8-f32-shared))
 FIRMWARE_IMAGES := $(SIZE_OTHERS)
 
 $(SIZE)/count.so: tests/firmware/size/count.c Makefile | $(SETUP)

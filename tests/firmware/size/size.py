@@ -14,13 +14,17 @@ import sys
 
 HERE = pathlib.Path(__file__).parent
 LIMITS = HERE / "limits.json"
-# What an image measures: node, or unscented or duif for images whose shape begins so. OBJECTS: its own code beside the library's; the last has the roots.
+# What an image measures: node, or another kind for images whose shape begins so. OBJECTS: its own code beside the library's; the last has the roots.
 ROOTS = {"node": ["node_start", "node_put", "node_incremental", "node_put_estimate", "node_diffuse"],
          "unscented": ["unscented_start", "unscented_predict", "unscented_put", "unscented_update"],
-         "duif": ["duif_start", "duif_predict", "duif_measure", "duif_contribute", "duif_frame", "duif_accept", "duif_iterate", "duif_fuse"]}
+         "duif": ["duif_start", "duif_predict", "duif_measure", "duif_contribute", "duif_frame", "duif_accept", "duif_iterate", "duif_fuse"],
+         "monitor": ["monitor_start", "monitor_watch"]}
+ROOTS["weighted"] = ROOTS["unscented"]
 MARKERS = {"node": ["start", "put", "incremental", "frozen", "put_estimate", "diffuse"], "unscented": ["start", "predict", "put", "update"],
-           "duif": [root.removeprefix("duif_") for root in ROOTS["duif"]]}
-OBJECTS = {"node": ["node"], "unscented": ["unscented", "unscented_node"], "duif": ["duif", "duif_node"]}
+           "duif": [root.removeprefix("duif_") for root in ROOTS["duif"]], "monitor": ["start", "watch"]}
+MARKERS["weighted"] = MARKERS["unscented"]
+OBJECTS = {"node": ["node"], "unscented": ["unscented", "unscented_node"], "duif": ["duif", "duif_node"], "monitor": ["monitor", "monitor_node"],
+           "weighted": ["weighted", "unscented_node"]}
 # These call seal and open, which plain frames do not.
 SEALS = "mk_frame_|mk_link_|mk_duif_(frame|accept)"
 # What a function may call by pointer: models, and, but for those of MODELS_ONLY, the kernels of an update.
@@ -38,11 +42,15 @@ HELD_OF["node"] = {"flash": "flash, bytes", "ram": "RAM, bytes", "stack": "stack
         "put": "instructions of taking a reading"}
 HELD_OF["duif"] = {"flash": "flash, bytes", "ram": "RAM, bytes", "stack": "stack by the call graph, bytes", "stack_painted": "stack as painted, bytes",
                    "step": "instructions of a step", **{name: f"instructions of {name}" for name in MARKERS["duif"]}}
+MEMORY = {key: HELD_OF["node"][key] for key in ("flash", "ram", "stack", "stack_painted")}
+HELD_OF["monitor"] = {**MEMORY, "start": "instructions of start", "usual": "instructions of a usual epoch", "most": "instructions of an epoch at most"}
+WEIGHTED = ("ekf", "rekf-n-usual", "rekf-n", "rekf-t-usual", "rekf-t")
+HELD_OF["weighted"] = {**MEMORY, **{f"{name} update": f"instructions of update, {name}" for name in WEIGHTED}}
 SECONDS = 60  # an image needs a few
 
 
 def kind(shape):
-    return shape.split("-")[0] if shape.startswith(("unscented-", "duif-")) else "node"
+    return next((name for name in ROOTS if shape.startswith(name + "-")), "node")
 
 
 class Failure(Exception):
@@ -85,17 +93,23 @@ def instructions(build, plan):
     painted = {line[1]: int(line[2]) for line in lines if line[:1] == ["stack"]}
     common = {"ram": next(int(line[1]) for line in lines if line[:1] == ["ram"]), "stack_painted": max(painted.values()), "stack_painted_of": painted,
               "start": max(counts["start"])}
-    return common | {"node": of_node, "unscented": of_filters, "duif": of_duif}[kind(plan[1])](counts, lines)
+    return common | {"node": of_node, "unscented": of_filters, "weighted": of_filters, "duif": of_duif, "monitor": of_monitor}[kind(plan[1])](counts, lines)
 
 
 def of_filters(counts, lines):
     """The most that a call takes, for each filter."""
     row, first = {"put": max(counts["put"])}, 0
-    for name, steps in (line[1:] for line in lines if line[:1] == ["filter"]):
+    for name, steps in (line[1:3] for line in lines if line[:1] == ["filter"]):
         for call in ("predict", "update"):
             row[f"{name} {call}"] = max(counts[call][first:first + int(steps)])
         first += int(steps)
     return row
+
+
+def of_monitor(counts, lines):
+    """An epoch without faults in the middle, and the most of all."""
+    usual = next(int(line[1]) for line in lines if line[:1] == ["usual"])
+    return {"usual": statistics.median_low(counts["watch"][:usual]), "usual_max": max(counts["watch"][:usual]), "most": max(counts["watch"])}
 
 
 def of_duif(counts, lines):
@@ -192,7 +206,7 @@ def stack(build, target, shape, prefix):
         if function == "__indirect_call":
             if kind(shape) == "duif" and re.search(SEALS, above[-1]):
                 return 0
-            if kind(shape) == "node":
+            if kind(shape) in ("node", "monitor"):
                 raise Failure(f"{target} {shape}: {above[-1]} calls by pointer")
             only_models = any(re.search(MODELS_ONLY, f) for f in above)
             return max(depth(short[name], above) for name in MODELS + KERNELS * (not only_models) if name in short)
@@ -256,6 +270,23 @@ def table(rows):
         cells = [row["target"], ", ".join(row["shape"].split("-")[1:4]), thousands(row["flash"]), thousands(row["ram"]),
                  f"{thousands(row['stack'])}, {thousands(row['stack_painted'])}",
                  *(thousands(row[name]) for name in ("step", "predict", "contribute", "frame", "accept", "iterate", "fuse"))]
+        yield "| " + " | ".join(cells) + " |"
+
+
+    yield "\n| target | monitor: places, m, window | flash | RAM | stack: graph, painted | watch: usual | with window turned | most |"
+    yield "|---|---|---|---|---|---|---|---|"
+    for row in (row for row in rows if kind(row["shape"]) == "monitor"):
+        cells = [row["target"], ", ".join(row["shape"].split("-")[1:4]), thousands(row["flash"]), thousands(row["ram"]),
+                 f"{thousands(row['stack'])}, {thousands(row['stack_painted'])}", *(thousands(row[name]) for name in ("usual", "usual_max", "most"))]
+        yield "| " + " | ".join(cells) + " |"
+
+
+    yield "\n| target | n, m, slots | flash | RAM | stack: graph, painted | predict | update: EKF | REKF-N: usual | most | REKF-t: usual | most |"
+    yield "|---|---|---|---|---|---|---|---|---|---|---|"
+    for row in (row for row in rows if kind(row["shape"]) == "weighted"):
+        cells = [row["target"], ", ".join(row["shape"].split("-")[1:4]), thousands(row["flash"]), thousands(row["ram"]),
+                 f"{thousands(row['stack'])}, {thousands(row['stack_painted'])}", thousands(row["ekf predict"]),
+                 *(thousands(row[f"{name} update"]) for name in WEIGHTED)]
         yield "| " + " | ".join(cells) + " |"
 
 
