@@ -15,8 +15,10 @@
  * Which sensor. Leaving sensor j out of the pooled estimate takes w_j = v_j' (I_jj)^-1 v_j from q_A, which is chi-square with its rows where all are good
  * (Baarda's test of the average). The sensor whose leaving brings what is left nearest to its threshold is the suspect; where that does not bring it
  * below, a second one is sought among the others, given an offset of the first, and on, `most` at a time at most. Where no `most` sensors explain
- * the alarm, or the last of them does it hardly better than another, nobody is suspected: unresolved. w of one less w of another is twice the logarithm
- * of the likelihood ratio of their offsets: with `separation` s, the wrong one of two, of a row each, is taken with a probability below exp(-s / 2).
+ * the alarm, or the last of them does it hardly better than another, nobody is suspected: unresolved. w of one less w of another is twice the
+ * logarithm of the likelihood ratio of their offsets: with `separation` s, the wrong one of two, of a row each, is taken with a probability below
+ * exp(-s / 2). After `patience` unresolved epochs in a row the alarm is not left alone any longer: those who explain it are held, or, where none
+ * do, the first suspect alone. separation 10 and patience 5 are good values with eight sensors (tests/host/integrity_guard.py).
  *
  * When it is over. A sensor held faulty is not in the sums, but its innovations, which the filter computes without it, are looked at, with unit
  * variance: u = L^-1 r_j, S_jj = L L'. While the fault goes on, a Kalman filter of level b and slope s follows each row; when it is over, u is normal.
@@ -72,7 +74,8 @@ enum { MK_MONITOR_RCTM, MK_MONITOR_AIME, MK_MONITOR_IMPROVED, MK_MONITOR_EXCLUDE
         mk_##real##_t evidence;         /* h of the end of a fault, > 0: mk_monitor_evidence */                               \
         const mk_##real##_t *zero, *back;   /* m each: its c_0, c_back for 1, 2, .. rows: mk_gate_thresholds(1e-3, ..), (0.1, ..) */ \
         mk_##real##_t level, slope;     /* its q_level, q_slope, >= 0 */                                                      \
-        uint16_t most;                  /* MK_MONITOR_EXCLUDE: sensors held faulty at a time */                               \
+        uint16_t most;                  /* MK_MONITOR_EXCLUDE: sensors held faulty at a time, >= 1 */                         \
+        uint16_t patience;              /* MK_MONITOR_EXCLUDE: epochs in a row that stay unresolved; 0: any number */         \
         uint8_t scheme;                 /* MK_MONITOR_ */                                                                     \
     } mk_monitor_config_##real##_t;                                                                                           \
                                                                                                                               \
@@ -111,6 +114,7 @@ enum { MK_MONITOR_RCTM, MK_MONITOR_AIME, MK_MONITOR_IMPROVED, MK_MONITOR_EXCLUDE
         uint32_t rejected;                    /* epochs refused */                                                            \
         uint16_t front, back;                 /* epochs in each of the two stacks */                                          \
         uint16_t quiet;                       /* MK_MONITOR_IMPROVED: epochs of RCTM alone that are left */                   \
+        uint16_t waited;                      /* MK_MONITOR_EXCLUDE: unresolved epochs in a row */                            \
         mk_##real##_t rhos[3];                /* the last three */                                                            \
     } mk_monitor_##real##_t;                                                                                                  \
                                                                                                                               \
@@ -124,7 +128,7 @@ enum { MK_MONITOR_RCTM, MK_MONITOR_AIME, MK_MONITOR_IMPROVED, MK_MONITOR_EXCLUDE
         mk_monitor_##real##_t *core;                                                                                          \
         mk_watched_##real##_t *sensor; /* places */                                                                           \
         mk_fault_##real##_t *fault;    /* N */                                                                                \
-        mk_##real##_t *I;              /* (window + 1) x packed N: the stacks, then the running sum */                        \
+        mk_##real##_t *information;    /* I, (window + 1) x packed N: the stacks, then the running sum */                     \
         mk_##real##_t *v;              /* (window + 1) x N */                                                                 \
         uint32_t *seen;                /* window: bit r: row r was read in that epoch */                                      \
         mk_##real##_t *work;                                                                                                  \
@@ -153,8 +157,8 @@ MK_DECLARE_MONITOR(f64)
  * name_restart(monitor)        An empty window, nobody faulty; epoch and counters stay. ORDER, here and below: not started.
  * name_watch(monitor, sensors, id[sensors], rows[sensors], T r[], T S[])
  *                              One epoch, also one in which nothing was read. rows[l] is 0 for a sensor that was not read; r and packed S hold
- *                              the rows of the others, one sensor after another. ARGUMENT: null, more rows than m, an id twice among those that
- *                              were read; NOT_FINITE, also where a statistic overflows; NOT_POSITIVE_DEFINITE: S of those not held faulty, or S_jj
+ *                              the rows of the others, one sensor after another. ARGUMENT: null, sensors x m above 32767, more rows than m, an id
+ *                              twice among those that were read; NOT_FINITE, also where a statistic overflows; NOT_POSITIVE_DEFINITE: S of those not held faulty, or S_jj
  *                              of one that is; `failed` is the sensor at which it shows. Where I is singular in this precision, the rows that others
  *                              determine count neither in q_A nor in its degrees. Cost: one inverse of S, one solve with I.
  * name_faulty(monitor, id)     1 if this sensor is held faulty.
@@ -165,7 +169,7 @@ MK_DECLARE_MONITOR(f64)
         mk_monitor_##real##_t core;                                                                                           \
         mk_watched_##real##_t sensor[place_count];                                                                            \
         mk_fault_##real##_t fault[(place_count) * (most_rows)];                                                               \
-        mk_##real##_t I[((epochs) + 1) * MK_PACKED((place_count) * (most_rows))];                                             \
+        mk_##real##_t information[((epochs) + 1) * MK_PACKED((place_count) * (most_rows))];                                   \
         mk_##real##_t v[((epochs) + 1) * (place_count) * (most_rows)];                                                        \
         uint32_t seen[epochs];                                                                                                \
     } name##_t;                                                                                                               \
@@ -176,7 +180,7 @@ MK_DECLARE_MONITOR(f64)
         view.core = &monitor->core;                                                                                           \
         view.sensor = monitor->sensor;                                                                                        \
         view.fault = monitor->fault;                                                                                          \
-        view.I = monitor->I;                                                                                                  \
+        view.information = monitor->information;                                                                              \
         view.v = monitor->v;                                                                                                  \
         view.seen = monitor->seen;                                                                                            \
         view.work = work;                                                                                                     \

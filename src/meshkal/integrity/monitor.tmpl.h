@@ -2,8 +2,7 @@
 /* meshkal/monitor.h: start, an epoch, the schemes. */
 
 static mk_status_t MK_F(mk_monitor_check)(int m, int places, int window, const MK_F_T(mk_monitor_config) * config) {
-    if (!config || m < 1 || places < 1 || window < 1 || m > MK_MONITOR_MOST_ROWS || places > MK_MONITOR_MOST_ROWS || m * places > MK_MONITOR_MOST_ROWS)
-        return MK_ERROR_ARGUMENT;
+    if (!config || m < 1 || places < 1 || window < 1 || m > MK_MONITOR_MOST_ROWS || places > MK_MONITOR_MOST_ROWS / m) return MK_ERROR_ARGUMENT;
     if (config->m != m || config->places != places || config->window != window) return MK_ERROR_SHAPE;
     if (!config->threshold || config->scheme > MK_MONITOR_EXCLUDE) return MK_ERROR_ARGUMENT;
     if (!MK_F(mk_all_finite)(m * places, config->threshold)) return MK_ERROR_NOT_FINITE;
@@ -16,7 +15,8 @@ static mk_status_t MK_F(mk_monitor_check)(int m, int places, int window, const M
     if (config->scheme == MK_MONITOR_EXCLUDE) {
         if (!config->zero || !config->back) return MK_ERROR_ARGUMENT;
         const MK_REAL single[4] = {config->separation, config->evidence, config->level, config->slope};
-        if (!MK_F(mk_all_finite)(4, single) || !MK_F(mk_all_finite)(m, config->zero) || !MK_F(mk_all_finite)(m, config->back)) return MK_ERROR_NOT_FINITE;
+        if (!MK_F(mk_all_finite)(4, single) || !MK_F(mk_all_finite)(m, config->zero) || !MK_F(mk_all_finite)(m, config->back))
+            return MK_ERROR_NOT_FINITE;
         for (int i = 0; i < 4; i++)
             if (!(single[i] >= MK_R(0.0))) return MK_ERROR_ARGUMENT;
         for (int i = 0; i < m; i++)
@@ -35,20 +35,21 @@ static void MK_F(mk_monitor_reset)(const MK_F_T(mk_monitor_view) * view) {
         view->sensor[p].w = view->sensor[p].ratio = MK_R(0.0);
     }
     core->rctm = core->aime = core->rctm_ratio = core->aime_ratio = MK_R(0.0);
-    core->rows = core->window_rows = core->faulty = core->quiet = 0;
+    core->rows = core->window_rows = core->faulty = core->quiet = core->waited = 0;
     core->alarm = core->ended = core->unresolved = 0;
     core->rho = core->median = MK_R(1.0);
     for (int i = 0; i < 3; i++) core->rhos[i] = MK_R(1.0);
 }
 
-mk_status_t MK_F(mk_monitor_start)(int m, int places, int window, const MK_F_T(mk_monitor_view) * view, const MK_F_T(mk_monitor_config) * config) {
+mk_status_t MK_F(mk_monitor_start)(int m, int places, int window, const MK_F_T(mk_monitor_view) * view,
+                                   const MK_F_T(mk_monitor_config) * config) {
     const mk_status_t status = MK_F(mk_monitor_check)(m, places, window, config);
     const int N = m * places;
     if (status != MK_OK) return status;
     memset(view->core, 0, sizeof *view->core);
     memset(view->sensor, 0, (size_t)places * sizeof *view->sensor);
     memset(view->fault, 0, (size_t)N * sizeof *view->fault);
-    memset(view->I, 0, (size_t)((window + 1) * MK_AT(N, 0)) * sizeof *view->I);
+    memset(view->information, 0, (size_t)((window + 1) * MK_AT(N, 0)) * sizeof *view->information);
     memset(view->v, 0, (size_t)((window + 1) * N) * sizeof *view->v);
     memset(view->seen, 0, (size_t)window * sizeof *view->seen);
     view->core->config = config;
@@ -87,7 +88,7 @@ mk_status_t MK_F(mk_monitor_clear)(const MK_F_T(mk_monitor_view) * view, uint16_
 /* What the call must be; *failed: the sensor at which it is not. */
 static mk_status_t MK_F(mk_monitor_arguments)(const MK_F_T(mk_monitor_config) * config, int sensors, const uint16_t *id, const uint8_t *rows,
                                               const MK_REAL *r, const MK_REAL *S, int *failed) {
-    if (sensors < 0 || (sensors > 0 && (!id || !rows))) return MK_ERROR_ARGUMENT;
+    if (sensors < 0 || sensors > INT16_MAX / config->m || (sensors > 0 && (!id || !rows))) return MK_ERROR_ARGUMENT;
     for (int l = 0; l < sensors; l++) {
         *failed = l;
         if (rows[l] > config->m || (rows[l] && (!r || !S))) return MK_ERROR_ARGUMENT;
@@ -178,14 +179,11 @@ static void MK_F(mk_monitor_end)(const MK_F_T(mk_monitor_view) * view, const mk_
     for (int k = 0; k < reading->sensors; k++) {
         const int place = reading->sensor[k].place, rows = reading->sensor[k].rows;
         if (!view->sensor[place].faulty) continue;
-        /* An innovation that overflows says nothing but that the fault goes on. */
-        if (MK_F(mk_all_finite)(rows, z)) {
-            read |= UINT32_C(1) << place;
-            if (MK_F(mk_fault_over)(config, z, view->sensor + place, view->fault + place * config->m)) {
-                MK_F(mk_monitor_mend)(view, place);
-                core->ended = 1;
-                core->ends++;
-            }
+        read |= UINT32_C(1) << place;
+        if (MK_F(mk_fault_over)(config, z, view->sensor + place, view->fault + place * config->m)) {
+            MK_F(mk_monitor_mend)(view, place);
+            core->ended = 1;
+            core->ends++;
         }
         z += rows;
     }
@@ -218,7 +216,8 @@ static void MK_F(mk_monitor_exclude)(const MK_F_T(mk_monitor_view) * view, const
     MK_F_T(mk_monitor) *const core = view->core;
     const MK_F_T(mk_monitor_config) *const config = core->config;
     const int m = config->m;
-    const uint32_t suspects = MK_F(mk_monitor_isolate)(config, config->most - core->faulty, rows, core->aime, I, v, b, work);
+    const int force = config->patience && core->waited >= config->patience;
+    const uint32_t suspects = MK_F(mk_monitor_isolate)(config, config->most - core->faulty, force, rows, core->aime, I, v, b, work);
     core->unresolved = suspects == 0;
     if (!suspects) return;
     for (int p = 0; p < config->places; p++) {
@@ -244,7 +243,7 @@ static void MK_F(mk_monitor_decide)(const MK_F_T(mk_monitor_view) * view, const 
     const int was = core->alarm, by_rctm = config->scheme == MK_MONITOR_RCTM || !by_aime;
     core->rctm_ratio = MK_F(mk_monitor_ratio)(config, core->rows, core->rctm);
     core->aime_ratio = MK_F(mk_monitor_ratio)(config, core->window_rows, core->aime);
-    core->alarm = by_rctm ? MK_F(mk_monitor_refuses)(config, core->rows, core->rctm) : MK_F(mk_monitor_refuses)(config, core->window_rows, core->aime);
+    core->alarm = MK_F(mk_monitor_refuses)(config, by_rctm ? core->rows : core->window_rows, by_rctm ? core->rctm : core->aime);
     if (core->alarm && !was) {
         core->alarm_since = core->epoch;
         core->alarms++;
@@ -256,6 +255,7 @@ static void MK_F(mk_monitor_decide)(const MK_F_T(mk_monitor_view) * view, const 
     if (config->scheme == MK_MONITOR_EXCLUDE) {
         MK_F(mk_monitor_end)(view, reading, z);
         if (core->alarm) MK_F(mk_monitor_exclude)(view, reading, held, S, I, v, b, work);
+        core->waited = core->unresolved ? (uint16_t)(core->waited + (core->waited < UINT16_MAX)) : 0;
     }
 }
 
@@ -265,7 +265,8 @@ mk_status_t MK_F(mk_monitor_watch)(const MK_F_T(mk_monitor_view) * view, int sen
     const MK_F_T(mk_monitor_config) *const config = core->config;
     if (!config) return MK_ERROR_ORDER;
     const int N = config->m * config->places, packed = MK_AT(N, 0), window = config->window, by_aime = !core->quiet;
-    MK_REAL *const Z = view->work, *const I = Z + packed, *const work = I + packed, *const v_new = work + packed + N, *const v = v_new + N, *const b = v + N;
+    MK_REAL *const Z = view->work, *const I = Z + packed, *const work = I + packed;
+    MK_REAL *const v_new = work + packed + N, *const v = v_new + N, *const b = v + N;
     MK_REAL q_R = MK_R(0.0), q_A = MK_R(0.0);
     mk_reading_t reading;
     int failed = 0;
@@ -280,9 +281,10 @@ mk_status_t MK_F(mk_monitor_watch)(const MK_F_T(mk_monitor_view) * view, int sen
         core->rejected++;
         return status;
     }
-    const MK_REAL *const I_older = MK_F(mk_monitor_older)(view, view->I, packed), *const v_older = MK_F(mk_monitor_older)(view, view->v, N);
+    const MK_REAL *const I_older = MK_F(mk_monitor_older)(view, view->information, packed);
+    const MK_REAL *const v_older = MK_F(mk_monitor_older)(view, view->v, N);
     const uint32_t held = by_aime ? reading.seen | reading.remaining : 0;
-    for (int i = 0; i < packed; i++) I[i] = core->back ? view->I[window * packed + i] : MK_R(0.0);
+    for (int i = 0; i < packed; i++) I[i] = core->back ? view->information[window * packed + i] : MK_R(0.0);
     for (int i = 0; i < N; i++) v[i] = core->back ? view->v[window * N + i] : MK_R(0.0);
     MK_F(mk_monitor_add)(&reading, Z, v_new, I, v);
     const int window_rows = MK_F(mk_monitor_statistic)(held, I, v, I_older, v_older, work, &q_A);

@@ -56,8 +56,10 @@ static int MK_F(mk_fault_none)(int rows, uint32_t count, const MK_REAL *threshol
 /* An epoch of a sensor held faulty, with innovations u of unit variance. Returns 1 where the fault is over. */
 static int MK_F(mk_fault_over)(const MK_F_T(mk_monitor_config) * config, const MK_REAL *u, MK_F_T(mk_watched) * sensor, MK_F_T(mk_fault) * fault) {
     const int rows = sensor->rows;
-    MK_REAL gained = MK_R(0.0);
+    MK_REAL gained = MK_R(0.0), square = MK_R(0.0);
+    for (int i = 0; i < rows; i++) square += u[i] * u[i];
     if (!sensor->begun) {
+        if (!(square <= MK_LARGEST)) return 0;
         MK_F(mk_fault_begin)(config->window, config->m, rows, u, fault);
         sensor->begun = 1;
         return 0;
@@ -67,6 +69,8 @@ static int MK_F(mk_fault_over)(const MK_F_T(mk_monitor_config) * config, const M
         const MK_REAL V = MK_R(1.0) + fault[i].P[0], e = u[i] - fault[i].level;
         gained += MK_R(0.5) * (e * e / V - u[i] * u[i] + MK_F(mk_log)(V));
     }
+    /* What overflows says nothing but that the fault goes on. */
+    if (!(square <= MK_LARGEST && gained >= -MK_LARGEST && gained <= MK_LARGEST)) return 0;
     const MK_REAL evidence = sensor->evidence + gained > MK_R(0.0) ? sensor->evidence + gained : MK_R(0.0);
     const MK_REAL trust = evidence < config->evidence ? MK_R(1.0) - evidence / config->evidence : MK_R(0.0);
     sensor->evidence = evidence;

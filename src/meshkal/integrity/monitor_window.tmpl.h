@@ -49,8 +49,8 @@ static MK_REAL MK_F(mk_monitor_square)(int n, const MK_REAL *L, MK_REAL *e) {
 }
 
 /* q := v' I^-1 v of the rows `set` of v + v2 and I + I2, or of v and I alone. Returns its degrees of freedom. work: the numbers of I and v. */
-static int MK_F(mk_monitor_statistic)(uint32_t set, const MK_REAL *I, const MK_REAL *v, const MK_REAL *I2, const MK_REAL *v2, MK_REAL *work,
-                                      MK_REAL *q) {
+static int MK_F(mk_monitor_statistic)(uint32_t set, const MK_REAL *I, const MK_REAL *v, const MK_REAL *I2, const MK_REAL *v2,
+                                      MK_REAL *work, MK_REAL *q) {
     const int n = mk_rows_count(set), good = MK_F(mk_monitor_factor)(set, I, I2, work);
     MK_REAL *const e = work + MK_AT(n, 0);
     for (int i = 0, k = 0; k < n; i++)
@@ -76,13 +76,13 @@ static void MK_F(mk_monitor_push)(const MK_F_T(mk_monitor_view) * view, const mk
                                   const MK_REAL *I_sum, const MK_REAL *v_sum) {
     MK_F_T(mk_monitor) *const core = view->core;
     const int window = core->config->window, N = core->config->m * core->config->places, packed = MK_AT(N, 0);
-    MK_REAL *const I_new = view->I + core->back * packed, *const v_new = view->v + core->back * N;
+    MK_REAL *const I_new = view->information + core->back * packed, *const v_new = view->v + core->back * N;
     if (core->front + core->back == window) core->front--;
     for (int i = 0; i < packed; i++) I_new[i] = MK_R(0.0);
     for (int i = 0; i < N; i++) v_new[i] = MK_R(0.0);
     MK_F(mk_monitor_add)(reading, Z, v, I_new, v_new);
     view->seen[core->back++] = reading->seen;
-    MK_F(mk_row_copy)(packed, I_sum, view->I + window * packed);
+    MK_F(mk_row_copy)(packed, I_sum, view->information + window * packed);
     MK_F(mk_row_copy)(N, v_sum, view->v + window * N);
     core->held = (uint16_t)(core->front + core->back);
 }
@@ -93,7 +93,7 @@ static void MK_F(mk_monitor_turn)(const MK_F_T(mk_monitor_view) * view) {
     const int window = core->config->window, N = core->config->m * core->config->places, packed = MK_AT(N, 0);
     if (core->back < window) return;
     for (int i = window - 2; i > 0; i--) {
-        MK_F(mk_row_sum)(packed, view->I + (i + 1) * packed, view->I + i * packed);
+        MK_F(mk_row_sum)(packed, view->information + (i + 1) * packed, view->information + i * packed);
         MK_F(mk_row_sum)(N, view->v + (i + 1) * N, view->v + i * N);
     }
     core->front = core->back;
@@ -114,7 +114,8 @@ static int MK_F(mk_monitor_find)(const MK_F_T(mk_monitor_view) * view, uint16_t 
 }
 
 /* Who of the call is watched, and at which place. */
-static void MK_F(mk_monitor_seat)(const MK_F_T(mk_monitor_view) * view, int sensors, const uint16_t *id, const uint8_t *rows, mk_reading_t *reading) {
+static void MK_F(mk_monitor_seat)(const MK_F_T(mk_monitor_view) * view, int sensors, const uint16_t *id, const uint8_t *rows,
+                                  mk_reading_t *reading) {
     const int m = view->core->config->m, places = view->core->config->places;
     const uint32_t remaining = MK_F(mk_monitor_remaining)(view);
     int reader[MK_MONITOR_MOST_ROWS];
@@ -139,15 +140,15 @@ static void MK_F(mk_monitor_seat)(const MK_F_T(mk_monitor_view) * view, int sens
         }
         const uint8_t k = reading->sensors++;
         reader[place] = l;
-        reading->sensor[k].from = from;
-        reading->sensor[k].index = l;
+        reading->sensor[k].from = (uint16_t)from;
+        reading->sensor[k].index = (uint16_t)l;
         reading->sensor[k].place = (uint8_t)place;
         reading->sensor[k].rows = rows[l];
         if (view->sensor[place].faulty) continue;
         reading->seen |= mk_rows_of(m, place, rows[l]);
         for (int r = 0; r < rows[l]; r++) {
             const uint8_t i = reading->rows++;
-            reading->row[i].from = from + r;
+            reading->row[i].from = (uint16_t)(from + r);
             reading->row[i].number = (uint8_t)(place * m + r);
             reading->row[i].sensor = k;
         }

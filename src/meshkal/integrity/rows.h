@@ -20,11 +20,11 @@ typedef struct {
     int crowded;
     uint8_t sensors, rows; /* readings watched; rows that count, which are those of sensors not held faulty */
     struct {
-        int from, index; /* first row in r and S; of the sensor in the call */
+        uint16_t from, index; /* first row in r and S; of the sensor in the call */
         uint8_t place, rows;
     } sensor[MK_MONITOR_MOST_ROWS];
     struct {
-        int from; /* in r and S */
+        uint16_t from; /* in r and S */
         uint8_t number, sensor;
     } row[MK_MONITOR_MOST_ROWS];
 } mk_reading_t;
