@@ -20,7 +20,7 @@ BENCH_HEADERS := $(wildcard include/meshkal/*.h src/meshkal/*.h src/meshkal/*/*.
 .PHONY: bench
 bench: $(BENCH_DIR)/bench $(BENCH_DIR)/unscented $(PROGRAM)
 	$(BENCH_DIR)/bench $(BENCH_ARGS)
-	@$(MAKE) -s --no-print-directory $(if $(PROGRAM),,-f tests/bench/bench.mk) bench-unscented
+	@$(MAKE) -s --no-print-directory $(if $(PROGRAM),,-f tests/bench/bench.mk) bench-unscented bench-monitor
 	$(if $(PROGRAM),@$(PYTHON) tests/bench/analyze.py $(PROGRAM) $(BENCH_DIR) $(BENCH_ANALYZE_ARGS))
 	$(if $(PROGRAM),@$(MAKE) -s --no-print-directory bench-scaling)
 
@@ -46,6 +46,15 @@ $(BENCH_DIR)/weights: $(addprefix $(BENCH_DIR)/,weights.o library.o)
 	$(CXX) -o $@ $^ -lm
 $(BENCH_DIR)/unscented_eigen.o $(BENCH_DIR)/weights.o: BENCH_FLAGS += -w
 $(BENCH_DIR)/unscented_meshkal.o: tests/bench/unscented_meshkal.tmpl.h
+
+# The integrity monitor beside Eigen.
+.PHONY: bench-monitor
+bench-monitor: $(BENCH_DIR)/monitor
+	@echo && $(BENCH_DIR)/monitor
+$(BENCH_DIR)/monitor: $(addprefix $(BENCH_DIR)/,monitor.o monitor_eigen.o library.o)
+	$(CXX) -o $@ $^ -lm
+$(BENCH_DIR)/monitor_eigen.o: BENCH_FLAGS += -w
+$(BENCH_DIR)/monitor.o: tests/bench/monitor.tmpl.h
 
 # Processes and threads: needs Open MPI and METIS. BENCH_SCALING_ARGS=--full divides a million nodes.
 ifdef PROGRAM

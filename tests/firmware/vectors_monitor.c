@@ -83,6 +83,7 @@ static void configure(int scheme) {
     config.level = MK_R(0x1p-7);
     config.slope = MK_R(0x1p-13);
     config.most = 2;
+    config.patience = 4;
 }
 
 /* A call of the second pass: the object moves away, and back. */
@@ -118,7 +119,7 @@ static void tell_core(const MK_F_T(mk_monitor) * core) {
     vector_numbers("statistics, ratios, rho, median", 6, numbers);
     vector_word("rows, window's, held", (uint32_t)core->rows << 16 | (uint32_t)core->window_rows << 8 | core->held);
     vector_word("faulty, alarm, ended, unresolved", (uint32_t)core->faulty << 16 | (uint32_t)core->alarm << 2 | (uint32_t)core->ended << 1 | core->unresolved);
-    vector_word("failed, quiet", (uint32_t)core->failed << 16 | core->quiet);
+    vector_word("failed, quiet, waited", (uint32_t)core->failed << 16 | (uint32_t)core->quiet << 8 | core->waited);
     vector_word("epoch, since", core->epoch << 16 | core->alarm_since);
     vector_word("alarms, ends", core->alarms << 16 | core->ends);
     vector_word("crowded, rejected", core->crowded << 16 | core->rejected);

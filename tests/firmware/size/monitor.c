@@ -74,6 +74,7 @@ int main(void) {
     config.level = 0.01f;
     config.slope = 1e-4f;
     config.most = 4;
+    config.patience = 5;
     config.scheme = MK_MONITOR_EXCLUDE;
     CALL(START, size_begin_start, monitor_start(&monitor, &config));
     for (int t = 0; t < USUAL + FAULTY && status == MK_OK; t++) {
