@@ -218,16 +218,20 @@ static void MK_F(mk_monitor_exclude)(const MK_F_T(mk_monitor_view) * view, const
     const MK_F_T(mk_monitor_config) *const config = core->config;
     const int m = config->m;
     const int force = config->patience && core->waited >= config->patience;
-    int sure;
-    uint32_t suspects = MK_F(mk_monitor_isolate)(config, config->most - core->faulty, force, rows, core->aime, I, v, b, work, &sure);
-    /* A leap is not an offset of the whole window, whose rows it leaves apart where S is not the same in all its epochs. */
-    if (!sure && MK_F(mk_monitor_refuses)(config, core->rows, core->rctm)) {
-        const int N = m * config->places;
-        for (int i = 0; i < MK_AT(N, 0); i++) I[i] = MK_R(0.0);
-        for (int i = 0; i < N; i++) v[i] = MK_R(0.0);
-        MK_F(mk_monitor_add)(reading, Z, v_new, I, v);
-        const uint32_t now = MK_F(mk_monitor_isolate)(config, config->most - core->faulty, 0, reading->seen, core->rctm, I, v, b, work, &sure);
-        if (now) suspects = now;
+    const int N = m * config->places;
+    uint32_t suspects = 0;
+    int sure = 0;
+    /* The window, then this epoch: a leap is not an offset of the whole window, which leaves its rows apart where S is not the same in all its epochs. */
+    for (int now = 0; now < 2 && !sure; now++) {
+        if (now) {
+            if (!MK_F(mk_monitor_refuses)(config, core->rows, core->rctm)) break;
+            for (int i = 0; i < MK_AT(N, 0); i++) I[i] = MK_R(0.0);
+            for (int i = 0; i < N; i++) v[i] = MK_R(0.0);
+            MK_F(mk_monitor_add)(reading, Z, v_new, I, v);
+        }
+        const uint32_t found = MK_F(mk_monitor_isolate)(config, config->most - core->faulty, force && !now, now ? reading->seen : rows,
+                                                        now ? core->rctm : core->aime, I, v, b, work, &sure);
+        if (found) suspects = found;
     }
     core->unresolved = suspects == 0;
     if (!suspects) return;
