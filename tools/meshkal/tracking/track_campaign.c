@@ -219,8 +219,8 @@ int mk_track_campaign_run(const mk_track_campaign_t *c, mk_track_result_t *resul
     result->estimators = r.setting.topology.estimators;
     mk_track_statistics_open(&result->statistics, c->facts.steps, result->estimators);
     r.ordered = (mk_ordered_runs_t){.runs = c->runs, .threads = c->threads, .name = c->progress ? c->filter->name : NULL,
-                                    .log_bytes = 8.0 * (double)mk_track_log_room(&r.setting) * (double)c->facts.steps, .log_path = c->log_path,
-                                    .context = &r, .header = put_header, .run = run_one, .take = take};
+                                    .log_bytes = 8.0 * (double)mk_track_log_room(&r.setting) * (double)c->facts.steps,
+                                    .log_path = c->log_path, .context = &r, .header = put_header, .run = run_one, .take = take};
     mk_ordered_runs_plan(&r.ordered);
     const int status = open_workers(&r) ? mk_ordered_runs(&r.ordered, &result->interrupted, error) : MK_EXIT_INPUT;
     result->step_seconds = median(r.seconds, result->statistics.runs);
