@@ -8,7 +8,9 @@
 
 MK_WATCH(node00, f32, 2, 3, 10); /* after the header's MK_NODE_UNROLLED(node00, f32, 6, 2, 3): its rows and slots, and a window of 10 steps */
 
-static float threshold[6], zero[2], back[2]; /* filled below, once; const, in flash, where the probabilities are settled */
+/* Filled below, once. Where the probabilities are settled, constants (scipy.stats.chi2.isf(Pfa, r) for r = 1, 2, ..; evidence
+   11.5) save the 9 KB of code that computes them on a Cortex-M4F. */
+static float threshold[6], zero[2], back[2];
 /* m, places, window; thresholds, jump (not of this scheme), separation, evidence (below); zero, back, level, slope; most, patience */
 static node00_monitor_config_t watch = {2, 3, 10, threshold, 20.0f, 10.0f, 0.0f, zero, back, 0.01f, 1e-4f, 2, 5, MK_MONITOR_EXCLUDE};
 static node00_monitor_t monitor;
