@@ -19,9 +19,10 @@
  * that does not bring it below, a second one is sought among the others, given an offset of the first, and on, `most` at a time at most.
  * Where no `most` sensors explain the alarm, or the last of them does it hardly better than another, nobody is suspected: unresolved. w of
  * one less w of another is twice the logarithm of the likelihood ratio of their offsets: with `separation` s, the wrong one of two, of a row
- * each, is taken with a probability below exp(-s / 2). After `patience` unresolved epochs in a row the alarm is not left alone any longer:
- * those who explain it are held, or, where none do, the first suspect alone. separation 10 and patience 5 are good values with eight sensors
- * (tests/host/integrity_guard.py).
+ * each, is taken with a probability below exp(-s / 2). A leap is not an offset of the whole window: where S varies in it, a large one is
+ * explained by no such offset. Where the window is unresolved and RCTM refuses the epoch, the same is therefore asked of the epoch alone.
+ * After `patience` unresolved epochs in a row the alarm is not left alone any longer: those who explain it are held, or, where none do, the
+ * first suspect alone. separation 10 and patience 5 are good values with eight sensors (tests/host/integrity_guard.py).
  *
  * When it is over. A sensor held faulty is not in the sums, but its innovations, which the filter computes without it, are looked at, with
  * unit variance: u = L^-1 r_j, S_jj = L L'. While the fault goes on, a Kalman filter of level b and slope s follows each row; when it is

@@ -317,6 +317,19 @@ def test_exclusion_by_name_and_return(run, tmp_path, published):
     assert out["filters"][0]["counts"]["excluded"] == excluded.sum()
 
 
+@pytest.mark.parametrize("real", ["float64", "float32"])
+@pytest.mark.parametrize("leap", [1e5, 1e7])
+def test_leap_of_one_reading(run, tmp_path, published, real, leap):
+    """A leap is isolated in its epoch, never used, and over in a few; its end is not that of the fault which comes later."""
+    scenario = draw(run, tmp_path, change(published, imu_hz=20))
+    rewrite(tmp_path / "pr.csv", lambda row: row | {"value": repr(float(row["value"]) + leap)} if row["t"] == "30" and row["satellite"] == "5" else row)
+    out, items = simulate(run, tmp_path, scenario, *recorded(tmp_path), "--filter", "ekf", "--monitor", "exclude", "--real", real)
+    found, excluded = out["filters"][0]["monitor"], series(items, "excluded")
+    assert excluded[29].tolist() == [0, 0, 0, 0, 1, 0, 0, 0] and items[29]["decision"][4] == 2
+    assert not excluded[42:150].any() and series(items, "error")[:150].max() < 10
+    assert 30 < found["ends_s"][0][0] <= 42 and found["ended"] == 1 and abs(found["first_end_after_s"]) <= 2
+
+
 @pytest.mark.parametrize("monitor", MONITORS)
 def test_summary_tells_what_the_log_says(run, tmp_path, published, monitor):
     runs, steps = 3, 418

@@ -174,3 +174,10 @@ def test_what_is_worth_a_note_is_noted(run, recording):
     (recording / "few.json").write_text(json.dumps(few))
     out = run("simulate", recording / "few.json", "--monitor", "aime").stdout.decode()
     assert "there are 3 satellites: position and clock take four" in out and "3 satellites: with fewer than five no statistic can say which of them is faulty" in out
+    one = change(settings, "nodes", settings["nodes"][:1])
+    (recording / "one.json").write_text(json.dumps(one))
+    assert "there is 1 satellite: position and clock" in run("simulate", recording / "one.json").stdout.decode()
+    lines = (recording / "pr.csv").read_text().splitlines()
+    (recording / "pr.csv").write_text("\n".join([lines[0]] + [",".join([*line.split(",")[:2], "nan", *line.split(",")[3:]]) for line in lines[1:]]) + "\n")
+    run(*(str(a).replace("{}", str(recording)) for a in FILES), "--steps", 19)
+    assert any(note.startswith("the poorest epoch has 0 satellites: ") for note in json.loads((recording / "out.json").read_text())["notes"])

@@ -101,6 +101,44 @@ static void NAME(exclude)(void **unused) {
     assert_true(!core->ended && core->ends == 1);
 }
 
+/* A leap of one, where what the window holds beside it was known better: no offset of the window explains it, this epoch does. */
+static void NAME(leap)(void **unused) {
+    (void)unused;
+    TYPE(stand) s;
+    NAME(stand_up)(&s, MK_MONITOR_EXCLUDE);
+    s.config.most = 1;
+    const uint16_t id[] = {1, 2, 3};
+    const uint8_t rows[] = {1, 1, 1};
+    const REAL quiet[] = {(REAL)0.1, 0, 0}, apart[] = {1, 0, 1, 0, 0, 1}, bound[] = {4, 3, 4, 3, 3, 4};
+    const REAL leap[] = {0, 1000, 0}, many[] = {1000, 1000, -2000};
+    for (int t = 0; t < 2; t++) assert_int_equal(SMALL(watch)(&s.monitor, 3, id, rows, quiet, apart), MK_OK);
+    assert_int_equal(SMALL(watch)(&s.monitor, 3, id, rows, many, bound), MK_OK); /* the epoch explains it no better */
+    assert_true(s.monitor.core.alarm && s.monitor.core.unresolved && s.monitor.core.faulty == 0);
+    assert_int_equal(SMALL(restart)(&s.monitor), MK_OK);
+    for (int t = 0; t < 2; t++) assert_int_equal(SMALL(watch)(&s.monitor, 3, id, rows, quiet, apart), MK_OK);
+    assert_int_equal(SMALL(watch)(&s.monitor, 3, id, rows, leap, bound), MK_OK);
+    const TYPE(mk_monitor) *const core = &s.monitor.core;
+    assert_true(core->alarm && !core->unresolved && core->faulty == 1 && SMALL(faulty)(&s.monitor, 2) && core->held == 0);
+    assert_close((double)s.monitor.fault[2].level, 500.0, 1e-5); /* of this epoch: 1000 / 2 */
+}
+
+/* A sensor that went with an absurd slope and was away until its tracker had run out of range: once it is back it is not held for ever. */
+static void NAME(run_away)(void **unused) {
+    (void)unused;
+    TYPE(stand) s;
+    NAME(stand_up)(&s, MK_MONITOR_EXCLUDE);
+    assert_int_equal(NAME(tell)(&s, 7, 0.3, 30, 0.4), MK_OK);
+    assert_true(SMALL(faulty)(&s.monitor, 2));
+    s.monitor.fault[2].slope = sizeof(REAL) == 4 ? (REAL)1e18 : (REAL)1e154;
+    for (int t = 0; t < 100; t++) assert_int_equal(NAME(tell)(&s, 5, 0.3, 0, 0.4), MK_OK);
+    int t = 0;
+    while (SMALL(faulty)(&s.monitor, 2) && t < 20) {
+        assert_int_equal(NAME(tell)(&s, 7, 0.3, 0.2, 0.4), MK_OK);
+        t++;
+    }
+    assert_in_range(t, 2, 10);
+}
+
 /* A wrong isolation, or a fault that went while nobody could see it, is taken back at the end of a window. */
 static void NAME(taken_back)(void **unused) {
     (void)unused;

@@ -210,7 +210,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         BOTH(windows),  BOTH(no_drift),       BOTH(start_refused), BOTH(not_started), BOTH(refused_epochs), BOTH(nothing_read), BOTH(places),
         BOTH(rows_vary), BOTH(alarms),        BOTH(improved),      BOTH(improved_quiet), BOTH(exclude),     BOTH(taken_back),   BOTH(another_value),
-        BOTH(all_faulty), BOTH(unresolved),   BOTH(isolation),     BOTH(alone),       BOTH(watching), BOTH(two_offsets),
+        BOTH(all_faulty), BOTH(unresolved), BOTH(leap), BOTH(run_away),   BOTH(isolation),     BOTH(alone),       BOTH(watching), BOTH(two_offsets),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

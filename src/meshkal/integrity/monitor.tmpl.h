@@ -210,14 +210,25 @@ static void MK_F(mk_monitor_hold)(const MK_F_T(mk_monitor_view) * view, int plac
     MK_F(mk_fault_begin)(view->core->config->window, m, rows, level, fault);
 }
 
-/* In alarm: who is it. I, v: sums over the window, spoilt; rows: what it holds. work: a packed matrix and two vectors. */
-static void MK_F(mk_monitor_exclude)(const MK_F_T(mk_monitor_view) * view, const mk_reading_t *reading, uint32_t rows, const MK_REAL *S, MK_REAL *I,
-                                     MK_REAL *v, MK_REAL *b, MK_REAL *work) {
+/* In alarm: who is it. Z, v_new: of this epoch, in the order of the reading; I, v: sums over the window, spoilt; rows: what it holds. work: a packed
+   matrix and two vectors. */
+static void MK_F(mk_monitor_exclude)(const MK_F_T(mk_monitor_view) * view, const mk_reading_t *reading, uint32_t rows, const MK_REAL *S,
+                                     const MK_REAL *Z, const MK_REAL *v_new, MK_REAL *I, MK_REAL *v, MK_REAL *b, MK_REAL *work) {
     MK_F_T(mk_monitor) *const core = view->core;
     const MK_F_T(mk_monitor_config) *const config = core->config;
     const int m = config->m;
     const int force = config->patience && core->waited >= config->patience;
-    const uint32_t suspects = MK_F(mk_monitor_isolate)(config, config->most - core->faulty, force, rows, core->aime, I, v, b, work);
+    int sure;
+    uint32_t suspects = MK_F(mk_monitor_isolate)(config, config->most - core->faulty, force, rows, core->aime, I, v, b, work, &sure);
+    /* A leap is not an offset of the whole window, whose rows it leaves apart where S is not the same in all its epochs. */
+    if (!sure && MK_F(mk_monitor_refuses)(config, core->rows, core->rctm)) {
+        const int N = m * config->places;
+        for (int i = 0; i < MK_AT(N, 0); i++) I[i] = MK_R(0.0);
+        for (int i = 0; i < N; i++) v[i] = MK_R(0.0);
+        MK_F(mk_monitor_add)(reading, Z, v_new, I, v);
+        const uint32_t now = MK_F(mk_monitor_isolate)(config, config->most - core->faulty, 0, reading->seen, core->rctm, I, v, b, work, &sure);
+        if (now) suspects = now;
+    }
     core->unresolved = suspects == 0;
     if (!suspects) return;
     for (int p = 0; p < config->places; p++) {
@@ -234,10 +245,10 @@ static void MK_F(mk_monitor_exclude)(const MK_F_T(mk_monitor_view) * view, const
     MK_F(mk_monitor_empty)(view);
 }
 
-/* What is said of the epoch, and what follows from it. z: of sensors held faulty; I, v: sums over the window of the rows `held`, spoilt. b, work:
-   a vector; a packed matrix and a vector. */
+/* What is said of the epoch, and what follows from it. Z, v_new: of this epoch, behind whose rows in v_new those of sensors held faulty; I, v: sums over
+   the window of the rows `held`, spoilt. b, work: a vector; a packed matrix and a vector. */
 static void MK_F(mk_monitor_decide)(const MK_F_T(mk_monitor_view) * view, const mk_reading_t *reading, const MK_REAL *S, int by_aime, uint32_t held,
-                                    const MK_REAL *z, MK_REAL *I, MK_REAL *v, MK_REAL *b, MK_REAL *work) {
+                                    const MK_REAL *Z, const MK_REAL *v_new, MK_REAL *I, MK_REAL *v, MK_REAL *b, MK_REAL *work) {
     MK_F_T(mk_monitor) *const core = view->core;
     const MK_F_T(mk_monitor_config) *const config = core->config;
     const int was = core->alarm, by_rctm = config->scheme == MK_MONITOR_RCTM || !by_aime;
@@ -253,8 +264,8 @@ static void MK_F(mk_monitor_decide)(const MK_F_T(mk_monitor_view) * view, const 
     core->ended = core->unresolved = 0;
     if (config->scheme == MK_MONITOR_IMPROVED) MK_F(mk_monitor_improve)(view, by_aime);
     if (config->scheme == MK_MONITOR_EXCLUDE) {
-        MK_F(mk_monitor_end)(view, reading, z);
-        if (core->alarm) MK_F(mk_monitor_exclude)(view, reading, held, S, I, v, b, work);
+        MK_F(mk_monitor_end)(view, reading, v_new + reading->rows);
+        if (core->alarm) MK_F(mk_monitor_exclude)(view, reading, held, S, Z, v_new, I, v, b, work);
         core->waited = core->unresolved ? (uint16_t)(core->waited + (core->waited < UINT16_MAX)) : 0;
     }
 }
@@ -305,7 +316,7 @@ mk_status_t MK_F(mk_monitor_watch)(const MK_F_T(mk_monitor_view) * view, int sen
         MK_F(mk_row_sum)(packed, I_older, I);
         MK_F(mk_row_sum)(N, v_older, v);
     }
-    MK_F(mk_monitor_decide)(view, &reading, S, by_aime, held, v_new + reading.rows, I, v, b, work);
+    MK_F(mk_monitor_decide)(view, &reading, S, by_aime, held, Z, v_new, I, v, b, work);
     MK_F(mk_monitor_turn)(view);
     return MK_OK;
 }

@@ -69,8 +69,11 @@ static int MK_F(mk_fault_over)(const MK_F_T(mk_monitor_config) * config, const M
         const MK_REAL V = MK_R(1.0) + fault[i].P[0], e = u[i] - fault[i].level;
         gained += MK_R(0.5) * (e * e / V - u[i] * u[i] + MK_F(mk_log)(V));
     }
-    /* What overflows says nothing but that the fault goes on. */
-    if (!(square <= MK_LARGEST && gained >= -MK_LARGEST && gained <= MK_LARGEST)) return 0;
+    /* What overflows says nothing but that the fault goes on; where it is not the reading that does, the tracker has run away: it begins again. */
+    if (!(square <= MK_LARGEST && gained >= -MK_LARGEST && gained <= MK_LARGEST)) {
+        if (square <= MK_LARGEST) sensor->begun = 0;
+        return 0;
+    }
     const MK_REAL evidence = sensor->evidence + gained > MK_R(0.0) ? sensor->evidence + gained : MK_R(0.0);
     const MK_REAL trust = evidence < config->evidence ? MK_R(1.0) - evidence / config->evidence : MK_R(0.0);
     sensor->evidence = evidence;

@@ -31,14 +31,15 @@ static void MK_F(mk_monitor_offsets)(int count, const uint8_t *order, const MK_R
 }
 
 /* The places, as bits, of at most `most` sensors that explain the alarm, and the offsets b of their rows; 0: there are none, or another would do as
-   well as the last of them; with `force`, of the first suspect, or of them all the same. I and v: the sums over the window, spoilt; rows: what they
-   hold; q: the statistic. work: a packed matrix and a vector. */
+   well as the last of them; with `force`, of the first suspect, or of them all the same. *sure: whether it is without force; b stays where nobody is
+   suspected. I and v: the sums, spoilt; rows: what they hold; q: the statistic. work: a packed matrix and a vector. */
 static uint32_t MK_F(mk_monitor_isolate)(const MK_F_T(mk_monitor_config) * config, int most, int force, uint32_t rows, MK_REAL q, MK_REAL *I,
-                                         MK_REAL *v, MK_REAL *b, MK_REAL *work) {
+                                         MK_REAL *v, MK_REAL *b, MK_REAL *work, int *sure) {
     const int m = config->m;
     uint32_t suspects = 0, first = 0;
     uint8_t order[MK_MONITOR_MOST_ROWS];
     int gone = 0, gone_first = 0;
+    *sure = 0;
     for (int step = 0; step < most && rows; step++) {
         int suspect = -1;
         MK_REAL least = MK_R(0.0), w = MK_R(0.0), next = -MK_LARGEST;
@@ -67,9 +68,12 @@ static uint32_t MK_F(mk_monitor_isolate)(const MK_F_T(mk_monitor_config) * confi
         }
         const int left = MK_F(mk_monitor_statistic)(rows, I, v, 0, 0, work, &q);
         if (left && q >= config->threshold[left - 1]) continue;
+        *sure = w - next >= config->separation;
+        if (!*sure && !force) return 0;
         MK_F(mk_monitor_offsets)(gone, order, I, v, b);
-        return force || w - next >= config->separation ? suspects : 0;
+        return suspects;
     }
+    if (!force) return 0;
     MK_F(mk_monitor_offsets)(gone_first, order, I, v, b);
-    return force ? first : 0;
+    return first;
 }

@@ -18,7 +18,7 @@ typedef struct {
     double nis, weight_faulty, weight_others;
     int alarmed, right;                                                /* runs */
     double alarm, alarm_low, alarm_high;                               /* s after the fault began: mean, 5 % and 95 % quantiles */
-    double end, end_low, end_high;                                     /* of the first declared end, s after the fault's own */
+    double end, end_low, end_high;                                     /* of the first declared end after the alarm, s after the fault's own */
     int ended;
     long false_alarms, clean, late_alarms, after;
 } figures_t;
@@ -61,8 +61,9 @@ static void tell_stories(const mk_nav_campaign_t *c, const mk_nav_result_t *r, f
     for (int i = 0; i < runs; i++) {
         const mk_nav_story_t *const story = &r->story[i];
         times[i] = story->alarm_s - fault_begin(c);
-        ends[i] = story->ends ? story->end_s[0] - c->span.to_s : (double)NAN;
-        if (!isfinite(c->span.to_s)) ends[i] = (double)NAN;
+        ends[i] = (double)NAN; /* before the alarm: of something else, that was none */
+        for (int k = 0; k < story->ends && k < MK_NAV_MOST_ENDS && isnan(ends[i]) && isfinite(c->span.to_s); k++)
+            if (story->end_s[k] > story->alarm_s) ends[i] = story->end_s[k] - c->span.to_s;
         f->right += story->isolated != 0 && story->isolated == faulty_satellite(c);
         f->false_alarms += story->false_alarms;
         f->clean += story->clean;
@@ -116,7 +117,8 @@ static double failures(const mk_nav_result_t *r) {
 void mk_nav_report_head(FILE *out, const mk_nav_campaign_t *c) {
     const mk_scenario_t *const s = c->scenario;
     const int watched = c->monitor.scheme != MK_MONITOR_NONE;
-    (void)fprintf(out, "%s: %d satellites, %ld epochs, %d run%s, %s, seed %llu, %s data\n", s->name[0] ? s->name : "scenario", s->nodes, c->facts.steps,
+    (void)fprintf(out, "%s: %d satellite%s, %ld epoch%s, %d run%s, %s, seed %llu, %s data\n", s->name[0] ? s->name : "scenario", s->nodes,
+                  s->nodes == 1 ? "" : "s", c->facts.steps, c->facts.steps == 1 ? "" : "s",
                   c->runs, c->runs == 1 ? "" : "s", c->precision->name, (unsigned long long)c->seed, c->facts.drawn ? "drawn" : "recorded");
     for (int i = 0; i < s->faults; i++) {
         const mk_sensor_fault_t *const fault = &s->fault[i];
@@ -126,7 +128,7 @@ void mk_nav_report_head(FILE *out, const mk_nav_campaign_t *c) {
     }
     if (watched)
         (void)fprintf(out, "monitor: %s, window %d, false alarm %g a test; alarm: seconds after the fault began, mean and quantiles over the runs; end: of "
-                           "the first declared end, seconds after the fault's own.\n",
+                           "the first declared end after the alarm, seconds after the fault's own.\n",
                       mk_monitor_name(c->monitor.scheme), c->monitor.window, c->monitor.false_alarm);
     (void)fprintf(out, "RMSE, NEES and NIS over epochs %ld to %ld, with 95 %% confidence intervals of the runs. NEES of an exact filter: %d.\n\n", c->from,
                   c->facts.steps, MK_NAV_STATES);

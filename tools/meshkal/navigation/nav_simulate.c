@@ -57,8 +57,9 @@ static int set_campaign(mk_nav_campaign_t *c, const mk_simulate_options_t *a, co
 static void add_notes(const mk_nav_campaign_t *c, json_t *notes) {
     const mk_scenario_t *const s = c->scenario;
     if (c->facts.fewest < 4)
-        mk_add_note(notes, "%s %d satellites%s: position and clock take four; with fewer the inertial unit carries them on, and rekf-t is the plain filter",
-                 c->facts.drawn ? "there are" : "some epoch has", c->facts.fewest, c->facts.drawn ? "" : " or none");
+        mk_add_note(notes, "%s %d satellite%s: position and clock take four; with fewer the inertial unit carries them on, and rekf-t is the plain filter",
+                 c->facts.drawn ? c->facts.fewest == 1 ? "there is" : "there are" : "the poorest epoch has", c->facts.fewest,
+                 c->facts.fewest == 1 ? "" : "s");
     if (c->facts.gap_s > LONG_GAP * c->facts.interval_s)
         mk_add_note(notes, "no inertial sample for %.6g s from t = %.15g on, %.3g times the mean interval: rates are taken as constant over it", c->facts.gap_s,
                  c->facts.gap_from_s, c->facts.gap_s / c->facts.interval_s);
@@ -68,7 +69,7 @@ static void add_notes(const mk_nav_campaign_t *c, json_t *notes) {
         if (!(s->fault[i].from_s < c->facts.last_s))
             mk_add_note(notes, "faults[%d] begins at %g s: after the last epoch, %.15g s", i, s->fault[i].from_s, c->facts.last_s);
     if (c->monitor.scheme != MK_MONITOR_NONE && s->nodes < 5)
-        mk_add_note(notes, "%d satellites: with fewer than five no statistic can say which of them is faulty", s->nodes);
+        mk_add_note(notes, "%d satellite%s: with fewer than five no statistic can say which of them is faulty", s->nodes, s->nodes == 1 ? "" : "s");
 }
 
 /* The campaign's filter, or all of them, one after another. An exit status. */
