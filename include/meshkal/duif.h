@@ -150,8 +150,9 @@ MK_DECLARE_DUIF_CORE(f64)
  * name_measure(node, z)        The reading of its own sensor; from contribute to fuse it is for the next step. Errors of name_put in unscented.h.
  * name_drop(node)              The reading is no longer there.
  * name_innovations(node, T r[m], T S[MK_PACKED(m)], uint8_t rows[1])
- *                              Before contribute: of its own reading, as in unscented.h. With member `filter` as the filter, name_filter_drop
- *                              and MK_WATCH(name_filter, real, n, m, 1, window) it is watched (meshkal/monitor.h).
+ *                              Before contribute: of its own reading, as in unscented.h. MK_WATCH(name_filter, real, m, 1, window) of
+ *                              meshkal/monitor.h makes name_filter_watch(&node.filter, monitor, nodes), which looks at it and drops it
+ *                              while its sensor is held faulty: contribute, then, as a blind node.
  * name_contribute(node)        Ends the readings, begins the consensus. ORDER; errors of name_contribution in unscented.h (MK_ERROR_DOMAIN: a
  *                              reading of something outside the sensor's domain): drop, then contribute once more, as a blind node.
  * name_frame(node, uint8_t bytes[name_frame_max])

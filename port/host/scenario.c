@@ -125,8 +125,9 @@ int mk_scenario_load_any(mk_scenario_t *s, const char *path, mk_error_t *error) 
     mk_reader_t reader = {path, s->text, error, 0};
     json_t *root = mk_read_outline(s->text, s->text_length, lists, elements, 2, &place);
     const char *const *known = json_object_get(json_object_get(root, "model"), "motion") ? tracking_keys : top_keys;
-    const int good = root && mk_read_keys(&reader, root, "", known) && read_model(&reader, root, s) && mk_read_nodes(&reader, root, &elements[0], s) &&
-                     mk_read_graph(&reader, root, &elements[1], s) && (!s->navigation || mk_check_navigation(&reader, s)) && read_rest(&reader, root, s) && hash_text(s, error);
+    const int good = root && mk_read_keys(&reader, root, "", known) && read_model(&reader, root, s) &&
+                     mk_read_nodes(&reader, root, &elements[0], s) && mk_read_graph(&reader, root, &elements[1], s) &&
+                     (!s->navigation || mk_check_navigation(&reader, s)) && read_rest(&reader, root, s) && hash_text(s, error);
     mk_elements_close(&elements[0]);
     mk_elements_close(&elements[1]);
     if (!root || reader.no_json) {

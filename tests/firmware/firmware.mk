@@ -6,8 +6,8 @@
 # To add an image, anywhere after this file is included:
 #   $(eval $(call FIRMWARE_IMAGE,NAME,SOURCES,FLAGS,PREREQUISITES,TARGETS))
 # NAME.elf is SOURCES (C files), the library and the port, for TARGETS (default: all six). FLAGS (-I, -D) are for its own sources only,
-# which are compiled after PREREQUISITES (generated headers) are made; FIRMWARE_LINK_NAME, set before, is for the linker. An image named *-f32 promises single precision: where the
-# hardware has no other, its symbols are checked for that. To run it as a test:
+# which are compiled after PREREQUISITES (generated headers) are made; FIRMWARE_LINK_NAME, set before, is for the linker. An image named
+# *-f32 promises single precision: where the hardware has no other, its symbols are checked for that. To run it as a test:
 #   $(eval $(call FIRMWARE_TEST,NAME,ARGUMENTS,STATUS,TEXT,AFTER))
 # (add files that it reads to FIRMWARE_DATA) passes on every target of the image if it exits with STATUS (default 0) and, where given, writes
 # TEXT and then the host's command AFTER succeeds. ARGUMENTS: words of its command line, no commas. Arguments of FIRMWARE_ macros contain no vertical bars.

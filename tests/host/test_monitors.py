@@ -66,6 +66,15 @@ def test_faults_are_added(run, scenario, tmp_path, logged):
         assert np.array_equal(a["truth"], b["truth"]) and "fault" not in b
 
 
+def test_a_fault_after_the_end_is_named(run, scenario, path, tmp_path):
+    late = tmp_path / "late.json"
+    late.write_text(json.dumps(scenario | {"faults": [FAULT, FAULT | {"from_s": 17.9, "to_s": 30.0}, FAULT | {"from_s": 18.0, "to_s": 30.0}]}))
+    for options in ((), ("--monitor", "exclude")):
+        assert [line for line in run("simulate", late, *options).stdout.decode().splitlines() if line.startswith("faults[")] == [
+            "faults[2] begins at 18 s: after the last step, 17.9 s"]
+        assert b"faults[" not in run("simulate", path, *options).stdout
+
+
 def test_faults_in_recorded_readings(run, scenario, tmp_path):
     """NaN stays NaN; with one row missing the reading is none, with a fault or without."""
     readings = tmp_path / "y.csv"

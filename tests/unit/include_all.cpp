@@ -131,7 +131,7 @@ template <typename T> mk_status_t first(const void *, T, int count, const T *x, 
         static const mk_sensor_##real##_t one = {{first<mk_##real##_t>, nullptr, nullptr, nullptr}, k.R, 1};                   \
         static const mk_sensor_##real##_t sensors[2] = {one, one};                                                             \
         static const name##_config_t config = {2, 1, 2, {{nullptr, nullptr, nullptr, nullptr}, k.A, k.Q}, sensors, k.x0, k.P0, MK_TRANSFORM_CUBATURE(2), \
-                                               &gate, 1, MK_UPDATE_UNSCENTED, MK_RULE_NONE, 0, nullptr};                       \
+                                               &gate, 1, MK_UPDATE_UNSCENTED, MK_RULE_NONE, 0};                       \
         static name##_t filter;                                                                                                \
         const mk_##real##_t z[1] = {2};                                                                                        \
         mk_##real##_t P[3], s[2], S[3];                                                                                        \

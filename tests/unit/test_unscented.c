@@ -260,7 +260,8 @@ static void long_iterated(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(transforms), BOTH(least), BOTH(wide), BOTH(tracker), BOTH(many), BOTH(tall),
-        cmocka_unit_test(long_unscented), cmocka_unit_test(long_weighted), cmocka_unit_test(random_weighted), cmocka_unit_test(long_progressive), cmocka_unit_test(long_iterated),
+        cmocka_unit_test(long_unscented), cmocka_unit_test(long_weighted),
+        cmocka_unit_test(random_weighted), cmocka_unit_test(long_progressive), cmocka_unit_test(long_iterated),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

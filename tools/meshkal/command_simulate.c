@@ -13,6 +13,7 @@
 #include "signals.h"
 #include "simulate_options.h"
 #include "simulate_report.h"
+#include "simulate_shared.h"
 #include "tracking/track_simulate.h"
 
 /* Steps after the last one that the adversary still looks ahead to, where the user does not say: the end of its horizon is not seen. */
@@ -26,9 +27,8 @@ static int read_arguments(int argc, char **argv, int alone, arguments_t *a, cons
                                    {"tolerance", &a->tolerance, NULL}, {"measurements", &a->measurements, NULL}, {"truth", &a->truth, NULL},
                                    {"horizon", &a->horizon, NULL},     {"out", &a->out, NULL},                   {"json", &a->json, NULL},
                                    {"threads", &a->threads, NULL},     {"resume", &a->resume, NULL},           {"frozen", &a->frozen, NULL},
-                                   {"arrivals", &a->arrivals, NULL},
-                                   {"record", &a->record, NULL},       {"imu", &a->imu, NULL},                 {"monitor", &a->monitor, NULL},         {"window", &a->window, NULL},
-                                   {"false-alarm", &a->false_alarm, NULL},
+                                   {"arrivals", &a->arrivals, NULL},   {"record", &a->record, NULL},           {"imu", &a->imu, NULL},
+                                   {"monitor", &a->monitor, NULL},     {"window", &a->window, NULL},           {"false-alarm", &a->false_alarm, NULL},
                                    {"models", &a->models, NULL}, {"from-step", &a->from_step, NULL}, {"lost-m", &a->lost_m, NULL},
                                    {"increments", &a->increments, NULL}, {"rule", &a->rule, NULL}, {"gate", &a->gate, NULL},
                                    {"iterations", &a->iterations, NULL}, {"protocol", &a->protocol, NULL},
@@ -59,6 +59,7 @@ static int set_shares(mk_campaign_t *c, const arguments_t *a, const mk_team_t *t
 
 static int set_campaign(mk_campaign_t *c, const arguments_t *a, const mk_scenario_t *s, const mk_team_t *team, mk_error_t *error) {
     long long steps = s->steps, runs = 1, seed = (long long)s->seed;
+    int single;
     c->scenario = s;
     c->tolerance = s->tolerance;
     if (!mk_option_integer("steps", a->steps, 1, 1000000000, &steps, error) || !mk_option_integer("runs", a->runs, 1, 100000000, &runs, error) ||
@@ -68,10 +69,8 @@ static int set_campaign(mk_campaign_t *c, const arguments_t *a, const mk_scenari
     c->steps = (int)steps;
     c->runs = (int)runs;
     c->seed = (uint64_t)seed;
-    c->network = &mk_network_f64;
-    if (a->real && strcmp(a->real, "float32") == 0) c->network = &mk_network_f32;
-    else if (a->real && strcmp(a->real, "float64") != 0) return mk_fail(error, "--real %s: must be float32 or float64", a->real);
-    if (a->measurements && c->runs != 1) return mk_fail(error, "--runs: recorded measurements can be run once only");
+    if (!mk_simulate_real(a, c->runs, &single, error)) return 0;
+    c->network = single ? &mk_network_f32 : &mk_network_f64;
     if (a->resume && a->out) return mk_fail(error, "--resume keeps figures, not logs: leave --out away");
     if (a->resume && a->measurements) return mk_fail(error, "--resume: recorded measurements are one run");
     if (a->arrivals && a->loss) return mk_fail(error, "--loss: with --arrivals the file says what is lost");

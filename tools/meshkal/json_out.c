@@ -12,6 +12,8 @@ void mk_json_set(json_t *object, const char *key, json_t *value) { (void)json_ob
 
 json_t *mk_json_number(double value) { return isfinite(value) ? json_real(value) : json_null(); }
 
+void mk_json_set_number(json_t *object, const char *key, double value) { mk_json_set(object, key, mk_json_number(value)); }
+
 json_t *mk_json_numbers(const double *values, size_t count) {
     json_t *array = json_array();
     for (size_t i = 0; i < count; i++) (void)json_array_append_new(array, mk_json_number(values[i]));

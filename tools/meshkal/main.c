@@ -40,7 +40,8 @@ static const char simulate_help[] =
     "    --truth nominal|least-favourable   model that is drawn from (default nominal)\n"
     "    --truth FILE.csv     recorded truth of recorded measurements: columns t,state,value\n"
     "    --horizon T          last step of the least favourable model (default: 100 after the run)\n"
-    "    --monitor none|rctm|aime|aime-improved|exclude   each filter has its integrity monitor (meshkal/monitor.h; default none)\n"
+    "    --monitor none|rctm|aime|aime-improved|exclude   each filter has its integrity monitor (meshkal/monitor.h; default none); what it is\n"
+    "                         to find is in the scenario's \"faults\", which are added to readings, drawn or recorded\n"
     "    --window M --false-alarm P               of the monitors, instead of the scenario's\n"
     "    --out FILE           log of the run, CBOR; - is standard output\n"
     "    --record DIR         a record of every node in the first run, for meshkal replay and for firmware\n"
@@ -53,10 +54,13 @@ static const char simulate_help[] =
     "    --from-step K        first step of RMSE, NEES and NIS, from 1 (default: the second half)\n"
     "    --lost-m D           count runs that end with a position error above D metres\n"
     "    --increments N --rule R --gate P|none --protocol C --iterations L --tolerance C    instead of the scenario's\n"
-    "  of a navigation scenario (its model has \"navigation\"): --steps --seed --runs --real --from-step --monitor --window --false-alarm --out --json --threads and\n"
+    "  of a navigation scenario (its model has \"navigation\"): --steps --seed --runs --real --from-step --monitor --window\n"
+    "    --false-alarm --out --json --threads and\n"
     "    --filter F           ekf rekf-n rekf-t (default ekf), or all\n"
-    "    --measurements FILE.csv  recorded pseudoranges: columns t,satellite,value,x,y,z (m, the satellite's place in the local frame); no or NaN value: none\n"
-    "    --imu FILE.csv       and inertial samples: columns t,wx,wy,wz,fx,fy,fz (rad/s, m/s^2; right, forward, up; means over the interval that ends at t)\n"
+    "    --measurements FILE.csv  recorded pseudoranges: columns t,satellite,value,x,y,z (m; the satellite's place in the local frame, east,\n"
+    "                         north, up; value less satellite clock and atmosphere); no or NaN value: none\n"
+    "    --imu FILE.csv       and inertial samples: columns t,wx,wy,wz,fx,fy,fz (rad/s, m/s^2; right, forward, up; means over the interval\n"
+    "                         that ends at t; without the Earth's rotation)\n"
     "    --truth FILE.csv     one line a time, columns as meshkal draw writes them\n";
 
 static const char analyze_help[] =

@@ -167,10 +167,20 @@ static void print_fault(FILE *out, json_t *filters, size_t f) {
     }
 }
 
+/* Seconds are easily taken for steps. */
+static void print_faults_outside(FILE *out, const mk_campaign_t *c) {
+    const double last = (c->steps - 1) * c->scenario->dt_s;
+    for (int f = 0; f < c->scenario->faults; f++)
+        if (!(c->scenario->fault[f].from_s <= last))
+            (void)fprintf(out, "\nfaults[%d] begins at %g s: after the last step, %.15g s\n", f, c->scenario->fault[f].from_s, last);
+}
+
 void mk_report_alert_tables(FILE *out, const mk_campaign_t *c, json_t *filters) {
     if (json_array_size(filters) == 0) return;
     if (c->scenario->faults) print_phases(out, filters);
-    if (c->monitor.scheme == MK_MONITOR_NONE) return;
-    print_false_alarms(out, c, filters);
-    for (int f = 0; f < c->scenario->faults; f++) print_fault(out, filters, (size_t)f);
+    if (c->monitor.scheme != MK_MONITOR_NONE) {
+        print_false_alarms(out, c, filters);
+        for (int f = 0; f < c->scenario->faults; f++) print_fault(out, filters, (size_t)f);
+    }
+    print_faults_outside(out, c);
 }

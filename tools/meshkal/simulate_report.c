@@ -7,6 +7,7 @@
 #include "json_out.h"
 #include "monitor_report.h"
 #include "process.h"
+#include "report_cells.h"
 
 static double decibel(double msd) { return 10.0 * log10(msd); }
 /* Half-width of an interval of an msd, in dB. */
@@ -36,28 +37,23 @@ void mk_report_head(FILE *out, const mk_campaign_t *c, const mk_source_t *source
                   "+-", "NIS/rows", "+-", "sent a step", "from centre", "node-steps/s");
 }
 
-static void print_cell(FILE *out, int width, int digits, double value) {
-    if (isfinite(value)) (void)fprintf(out, " %*.*f", width, digits, value);
-    else (void)fprintf(out, " %*s", width, "-");
-}
-
 void mk_report_row(FILE *out, const mk_campaign_t *c, const mk_result_t *r) {
     const mk_record_t *mean = &r->statistics.mean, *half = &r->statistics.squares;
     double sent, from_centre;
     communication(c->scenario, c->filter, &sent, &from_centre);
     (void)fprintf(out, "%-8s", c->filter->name);
-    print_cell(out, 9, 4, decibel(*mean->steady));
-    print_cell(out, 8, 4, decibel_width(*mean->steady, *half->steady));
-    print_cell(out, 13, 4, decibel(*mean->position_steady));
-    print_cell(out, 8, 4, decibel_width(*mean->position_steady, *half->position_steady));
-    print_cell(out, 9, 5, *mean->tolerance);
-    print_cell(out, 8, 4, *mean->theta);
-    print_cell(out, 8, 4, *half->theta);
-    print_cell(out, 9, 4, *mean->nis_ratio);
-    print_cell(out, 8, 4, *half->nis_ratio);
-    print_cell(out, 11, 0, sent);
-    print_cell(out, 12, 0, from_centre);
-    print_cell(out, 13, 0, node_steps_per_second(r));
+    mk_print_cell(out, 9, 4, decibel(*mean->steady));
+    mk_print_cell(out, 8, 4, decibel_width(*mean->steady, *half->steady));
+    mk_print_cell(out, 13, 4, decibel(*mean->position_steady));
+    mk_print_cell(out, 8, 4, decibel_width(*mean->position_steady, *half->position_steady));
+    mk_print_cell(out, 9, 5, *mean->tolerance);
+    mk_print_cell(out, 8, 4, *mean->theta);
+    mk_print_cell(out, 8, 4, *half->theta);
+    mk_print_cell(out, 9, 4, *mean->nis_ratio);
+    mk_print_cell(out, 8, 4, *half->nis_ratio);
+    mk_print_cell(out, 11, 0, sent);
+    mk_print_cell(out, 12, 0, from_centre);
+    mk_print_cell(out, 13, 0, node_steps_per_second(r));
     (void)fputs("\n", out);
 }
 

@@ -19,7 +19,7 @@ ROOTS = {"node": ["node_start", "node_put", "node_incremental", "node_put_estima
          "unscented": ["unscented_start", "unscented_predict", "unscented_put", "unscented_update"],
          "duif": ["duif_start", "duif_predict", "duif_measure", "duif_contribute", "duif_frame", "duif_accept", "duif_iterate", "duif_fuse"],
          "monitor": ["monitor_start", "monitor_watch"]}
-ROOTS["weighted"] = ROOTS["unscented"]
+ROOTS["weighted"] = [*ROOTS["unscented"], "unscented_update_weighted"]
 MARKERS = {"node": ["start", "put", "incremental", "frozen", "put_estimate", "diffuse"], "unscented": ["start", "predict", "put", "update"],
            "duif": [root.removeprefix("duif_") for root in ROOTS["duif"]], "monitor": ["start", "watch"]}
 MARKERS["weighted"] = MARKERS["unscented"]

@@ -16,5 +16,6 @@ mk_status_t unscented_start(filter_t *f, const filter_config_t *config);
 mk_status_t unscented_predict(filter_t *f, float dt);
 mk_status_t unscented_put(filter_t *f, int slot, const float *z);
 mk_status_t unscented_update(filter_t *f);
+mk_status_t unscented_update_weighted(filter_t *f, const mk_row_weights_f32_t *weights);
 
 #endif

@@ -2,21 +2,15 @@
 #include "navigation/nav_campaign.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "commands.h"
 #include "navigation/nav_log.h"
-#include "parallel.h"
 #include "process.h"
 #include "scenario_monitor.h"
 #include "signals.h"
-
-/* Runs that a thread takes at a time; one where they write logs, which wait in memory for those of the runs before them. */
-enum { CHUNK = 8 };
-
-typedef enum { NOT_RUN, DONE, STOPPED, FAILED } state_t;
+#include "simulation/ordered_runs.h"
 
 typedef struct {
     mk_navigator_t *navigator;
@@ -25,21 +19,17 @@ typedef struct {
 } worker_t;
 
 typedef struct {
-    state_t state;
     double seconds;
     mk_nav_record_t record;
     mk_nav_story_t story;
-    mk_run_log_t log;
-    mk_error_t error;
 } outcome_t;
 
 typedef struct {
     const mk_nav_campaign_t *c;
     mk_nav_setting_t setting;
-    int workers, chunk, next_run, shown;
+    mk_ordered_runs_t ordered;
     worker_t *worker;
     outcome_t *outcome;
-    mk_run_log_t log;
     mk_nav_result_t *result;
     mk_error_t *error;
 } running_t;
@@ -81,7 +71,7 @@ static void add_epoch(const mk_nav_campaign_t *c, mk_nav_record_t *record, mean_
     mean[MK_NAV_SUM_NIS_ROWS].sum += look->nis_rows;
 }
 
-static state_t run_epochs(running_t *r, worker_t *w, int run, outcome_t *outcome, mk_run_log_t *log) {
+static mk_run_state_t run_epochs(const running_t *r, worker_t *w, int run, outcome_t *outcome, mk_run_log_t *log, mk_error_t *error) {
     const mk_nav_campaign_t *const c = r->c;
     mk_epoch_t epoch;
     mean_t mean[MEANS];
@@ -90,12 +80,12 @@ static state_t run_epochs(running_t *r, worker_t *w, int run, outcome_t *outcome
     mk_nav_story_start(&outcome->story);
     const mk_status_t status = mk_navigator_start(w->navigator, &w->stream.estimate);
     if (status != MK_OK) {
-        (void)mk_fail(&outcome->error, "run %d: %s does not start: %s", run, mk_nav_filter_name(c->filter), mk_status_name(status));
-        return FAILED;
+        (void)mk_fail(error, "run %d: %s does not start: %s", run, mk_nav_filter_name(c->filter), mk_status_name(status));
+        return MK_RUN_FAILED;
     }
     const mk_nav_look_t *look = NULL;
     for (long t = 0; mk_run_epochs_next(&w->stream, &epoch); t++) {
-        if (mk_stopped()) return STOPPED;
+        if (mk_stopped()) return MK_RUN_STOPPED;
         const double from = mk_seconds();
         look = mk_navigator_step(w->navigator, &epoch);
         outcome->seconds += mk_seconds() - from;
@@ -107,64 +97,37 @@ static state_t run_epochs(running_t *r, worker_t *w, int run, outcome_t *outcome
     for (int i = 0; i < MEANS; i++)
         outcome->record.single[i] = i == MK_NAV_SUM_NIS || i == MK_NAV_SUM_NIS_ROWS ? mean[i].sum : value_of(&mean[i]);
     if (look) memcpy(outcome->record.single + MK_NAV_FIRST_COUNT, look->count, sizeof look->count);
-    return DONE;
+    return MK_RUN_DONE;
 }
 
-static void show_progress(running_t *r, int done) {
-    const int percent = (int)(100.0 * done / r->c->runs);
-    if (percent == r->shown) return;
-    r->shown = percent;
-    (void)fprintf(stderr, "\r%-12s [%-40.*s] %3d %%", mk_nav_filter_name(r->c->filter), percent * 40 / 100,
-                  "########################################", percent);
+static void put_header(void *context, mk_run_log_t *log) {
+    const running_t *const r = context;
+    mk_nav_log_header(log, r->c);
 }
 
-static void run_one(void *context, int worker, long index) {
+static mk_run_state_t run_one(void *context, int worker, int slot, int run, mk_run_log_t *log, mk_error_t *error) {
     running_t *const r = context;
-    outcome_t *const outcome = &r->outcome[index];
-    const int run = r->next_run + (int)index;
-    outcome->state = NOT_RUN;
+    outcome_t *const outcome = &r->outcome[slot];
     outcome->seconds = 0.0;
-    if (run >= r->c->runs) return;
     memset(outcome->record.value, 0, outcome->record.count * sizeof *outcome->record.value);
-    if (r->c->log_path) mk_log_keep(&outcome->log);
-    outcome->state = run_epochs(r, &r->worker[worker], run, outcome, r->c->log_path ? &outcome->log : NULL);
+    return run_epochs(r, &r->worker[worker], run, outcome, log, error);
 }
 
-/* In the order of runs; after one that did not end well none counts. */
-static state_t commit(running_t *r) {
-    state_t state = DONE;
-    for (int i = 0; i < r->workers * r->chunk; i++) {
-        outcome_t *const outcome = &r->outcome[i];
-        if (state == DONE && outcome->state != NOT_RUN) {
-            if (outcome->log.out.used > 0) mk_log_append(&r->log, outcome->log.out.buffer, outcome->log.out.used, outcome->log.items);
-            state = outcome->state;
-            if (state == FAILED) *r->error = outcome->error;
-            if (state == DONE && r->log.failed) {
-                (void)mk_fail(r->error, "writing the log: %s", strerror(r->log.failed));
-                state = FAILED;
-            }
-            if (state == DONE) {
-                mk_nav_statistics_add(&r->result->statistics, outcome->record.value);
-                r->result->story[r->next_run++] = outcome->story;
-                r->result->epoch_seconds += outcome->seconds / (double)outcome->record.steps / r->c->runs;
-            }
-        }
-        free(outcome->log.out.buffer);
-        memset(&outcome->log, 0, sizeof outcome->log);
-    }
-    return state;
+static void take(void *context, int slot, int run) {
+    running_t *const r = context;
+    const outcome_t *const outcome = &r->outcome[slot];
+    mk_nav_statistics_add(&r->result->statistics, outcome->record.value);
+    r->result->story[run] = outcome->story;
+    r->result->epoch_seconds += outcome->seconds / (double)outcome->record.steps / r->c->runs;
 }
 
 /* The objects of each thread. 1, or 0 and an error. */
 static int open_workers(running_t *r) {
     const mk_nav_campaign_t *const c = r->c;
-    r->workers = c->threads < c->runs ? c->threads : c->runs;
-    r->chunk = c->log_path ? 1 : c->runs / (4 * r->workers) + 1;
-    if (r->chunk > CHUNK) r->chunk = CHUNK;
-    r->worker = mk_allocate((size_t)r->workers, sizeof *r->worker);
-    r->outcome = mk_allocate((size_t)(r->workers * r->chunk), sizeof *r->outcome);
-    for (int i = 0; i < r->workers * r->chunk; i++) mk_nav_record_open(&r->outcome[i].record, c->facts.steps);
-    for (int i = 0; i < r->workers; i++) {
+    r->worker = mk_allocate((size_t)r->ordered.workers, sizeof *r->worker);
+    r->outcome = mk_allocate((size_t)r->ordered.slots, sizeof *r->outcome);
+    for (int i = 0; i < r->ordered.slots; i++) mk_nav_record_open(&r->outcome[i].record, c->facts.steps);
+    for (int i = 0; i < r->ordered.workers; i++) {
         worker_t *const w = &r->worker[i];
         w->navigator = mk_navigator_open(&r->setting, c->precision, r->error);
         if (!w->navigator) return 0;
@@ -175,40 +138,14 @@ static int open_workers(running_t *r) {
 }
 
 static void close_workers(running_t *r) {
-    for (int i = 0; i < r->workers && r->worker[i].navigator; i++) {
+    for (int i = 0; i < r->ordered.workers && r->worker[i].navigator; i++) {
         mk_navigator_close(r->worker[i].navigator);
         mk_run_epochs_close(&r->worker[i].stream);
         free(r->worker[i].work);
     }
-    for (int i = 0; i < r->workers * r->chunk; i++) mk_nav_record_close(&r->outcome[i].record);
+    for (int i = 0; i < r->ordered.slots; i++) mk_nav_record_close(&r->outcome[i].record);
     free(r->worker);
     free(r->outcome);
-}
-
-static int run_all(running_t *r) {
-    const mk_nav_campaign_t *const c = r->c;
-    if (!open_workers(r)) return MK_EXIT_INPUT;
-    if (c->log_path) {
-        if (!mk_log_open(&r->log, c->log_path, r->error)) return MK_EXIT_INPUT;
-        mk_nav_log_header(&r->log, c);
-    }
-    state_t state = DONE;
-    while (r->next_run < c->runs && state == DONE) {
-        if (c->progress) show_progress(r, r->next_run);
-        mk_parallel(r->workers, (long)r->workers * r->chunk, run_one, r);
-        state = commit(r);
-        if (mk_stopped() && state == DONE && r->next_run < c->runs) state = STOPPED;
-    }
-    if (c->progress && r->shown >= 0) (void)fputs("\r\033[K", stderr);
-    r->result->interrupted = state == STOPPED;
-    int good = state != FAILED;
-    if (c->log_path) {
-        mk_error_t log_error;
-        const int written = mk_log_close(&r->log, !good ? "failed" : state == STOPPED ? "interrupted" : "complete", &log_error);
-        if (good && !written) *r->error = log_error;
-        good = good && written;
-    }
-    return good ? 0 : MK_EXIT_FAILED;
 }
 
 int mk_nav_campaign_run(const mk_nav_campaign_t *c, mk_nav_result_t *result, mk_error_t *error) {
@@ -218,13 +155,15 @@ int mk_nav_campaign_run(const mk_nav_campaign_t *c, mk_nav_result_t *result, mk_
     r.c = c;
     r.result = result;
     r.error = error;
-    r.shown = -1;
     r.setting.scenario = c->scenario;
     r.setting.filter = c->filter;
     r.setting.monitor = &c->monitor;
     result->story = mk_allocate((size_t)c->runs, sizeof *result->story);
     mk_nav_statistics_open(&result->statistics, c->facts.steps);
-    const int status = run_all(&r);
+    r.ordered = (mk_ordered_runs_t){.runs = c->runs, .threads = c->threads, .name = c->progress ? mk_nav_filter_name(c->filter) : NULL,
+                                    .log_path = c->log_path, .context = &r, .header = put_header, .run = run_one, .take = take};
+    mk_ordered_runs_plan(&r.ordered);
+    const int status = open_workers(&r) ? mk_ordered_runs(&r.ordered, &result->interrupted, error) : MK_EXIT_INPUT;
     close_workers(&r);
     return status;
 }

@@ -98,6 +98,7 @@ int mk_nav_draw(const mk_scenario_t *scenario, const mk_nav_draw_options_t *opti
     }
     mk_epochs_free(epochs);
     if (status) return mk_complain(&error, status);
-    (void)printf("run %d: %ld pseudoranges, %ld inertial samples; faults are not in the files: simulate adds them\n", options->run, d.readings, d.samples);
+    (void)printf("run %d: %ld pseudoranges, %ld inertial samples; faults are not in the files: simulate adds them; \"estimate\" of --json goes into "
+                 "model.navigation.estimate\n", options->run, d.readings, d.samples);
     return 0;
 }

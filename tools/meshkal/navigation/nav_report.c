@@ -8,6 +8,7 @@
 
 #include "json_out.h"
 #include "process.h"
+#include "report_cells.h"
 #include "scenario_monitor.h"
 
 /* Of a filter: what is made of its records. */
@@ -101,11 +102,6 @@ static figures_t figures_of(const mk_nav_campaign_t *c, const mk_nav_result_t *r
     return f;
 }
 
-static const char *verdict(const figures_t *f) {
-    if (isnan(f->nees)) return "-";
-    return f->nees > f->nees_high ? "over-confident" : f->nees < f->nees_low ? "cautious" : "inside";
-}
-
 static double total(const mk_nav_result_t *r, int which) {
     return r->statistics.runs ? round(r->statistics.mean.single[MK_NAV_FIRST_COUNT + which] * r->statistics.runs) : 0.0;
 }
@@ -117,11 +113,6 @@ static double failures(const mk_nav_result_t *r) {
 }
 
 /* --- table ------------------------------------------------------------------------------------------------------------------ */
-
-static void print_cell(FILE *out, int width, int digits, double value) {
-    if (isfinite(value)) (void)fprintf(out, " %*.*f", width, digits, value);
-    else (void)fprintf(out, " %*s", width, "-");
-}
 
 void mk_nav_report_head(FILE *out, const mk_nav_campaign_t *c) {
     const mk_scenario_t *const s = c->scenario;
@@ -154,36 +145,36 @@ void mk_nav_report_row(FILE *out, const mk_nav_campaign_t *c, const mk_nav_resul
     char text[60];
     (void)snprintf(text, sizeof text, "%.2f..%.2f", f.nees_low, f.nees_high);
     (void)fprintf(out, "%-8s", mk_nav_filter_name(c->filter));
-    print_cell(out, 12, 4, f.position);
-    print_cell(out, 8, 4, f.position_half);
-    print_cell(out, 12, 5, f.velocity);
-    print_cell(out, 8, 5, f.velocity_half);
-    print_cell(out, 11, 4, 1e3 * f.attitude);
-    print_cell(out, 7, 2, f.nees);
-    (void)fprintf(out, " %13s %-14s", isnan(f.nees) ? "-" : text, verdict(&f));
-    print_cell(out, 8, 3, f.nis);
-    print_cell(out, 8, 3, f.weight_faulty);
-    print_cell(out, 8, 3, f.weight_others);
+    mk_print_cell(out, 12, 4, f.position);
+    mk_print_cell(out, 8, 4, f.position_half);
+    mk_print_cell(out, 12, 5, f.velocity);
+    mk_print_cell(out, 8, 5, f.velocity_half);
+    mk_print_cell(out, 11, 4, 1e3 * f.attitude);
+    mk_print_cell(out, 7, 2, f.nees);
+    (void)fprintf(out, " %13s %-14s", isnan(f.nees) ? "-" : text, mk_nees_verdict(f.nees, f.nees_low, f.nees_high));
+    mk_print_cell(out, 8, 3, f.nis);
+    mk_print_cell(out, 8, 3, f.weight_faulty);
+    mk_print_cell(out, 8, 3, f.weight_others);
     if (c->monitor.scheme != MK_MONITOR_NONE) {
         (void)snprintf(text, sizeof text, "%d/%d", f.alarmed, r->statistics.runs);
         (void)fprintf(out, " %9s", text);
-        print_cell(out, 8, 2, f.alarm);
-        print_cell(out, 8, 1, f.alarm_low);
-        print_cell(out, 8, 1, f.alarm_high);
+        mk_print_cell(out, 8, 2, f.alarm);
+        mk_print_cell(out, 8, 1, f.alarm_low);
+        mk_print_cell(out, 8, 1, f.alarm_high);
         (void)snprintf(text, sizeof text, "%d/%d", f.right, f.alarmed);
         (void)fprintf(out, " %9s", c->span.exists ? text : "-");
         (void)snprintf(text, sizeof text, "%ld/%ld", f.false_alarms, f.clean);
         (void)fprintf(out, " %12s", text);
         (void)snprintf(text, sizeof text, "%d/%d", f.ended, r->statistics.runs);
         (void)fprintf(out, " %9s", text);
-        print_cell(out, 8, 2, f.end);
-        print_cell(out, 8, 1, f.end_low);
-        print_cell(out, 8, 1, f.end_high);
+        mk_print_cell(out, 8, 2, f.end);
+        mk_print_cell(out, 8, 1, f.end_low);
+        mk_print_cell(out, 8, 1, f.end_high);
         (void)snprintf(text, sizeof text, "%ld/%ld", f.late_alarms, f.after);
         (void)fprintf(out, " %12s", text);
     }
-    print_cell(out, 7, 0, failures(r));
-    print_cell(out, 10, 1, 1e6 * r->epoch_seconds);
+    mk_print_cell(out, 7, 0, failures(r));
+    mk_print_cell(out, 10, 1, 1e6 * r->epoch_seconds);
     (void)fputs("\n", out);
 }
 
@@ -202,8 +193,6 @@ void mk_nav_report_foot(FILE *out, const mk_nav_campaign_t *c, const mk_nav_resu
 }
 
 /* --- JSON ------------------------------------------------------------------------------------------------------------------- */
-
-static void set_number(json_t *object, const char *key, double value) { mk_json_set(object, key, mk_json_number(value)); }
 
 /* null where no run knows it. */
 static json_t *series(const mk_nav_result_t *r, const double *mean, const double *known, int rooted) {
@@ -241,18 +230,18 @@ static json_t *ends_of(const mk_nav_result_t *r) {
 static json_t *monitor_of(const mk_nav_campaign_t *c, const mk_nav_result_t *r, const figures_t *f) {
     json_t *object = json_object();
     mk_json_set(object, "alarmed", json_integer(f->alarmed));
-    set_number(object, "time_to_alarm_s", f->alarm);
-    set_number(object, "time_to_alarm_s_5", f->alarm_low);
-    set_number(object, "time_to_alarm_s_95", f->alarm_high);
+    mk_json_set_number(object, "time_to_alarm_s", f->alarm);
+    mk_json_set_number(object, "time_to_alarm_s_5", f->alarm_low);
+    mk_json_set_number(object, "time_to_alarm_s_95", f->alarm_high);
     if (c->span.exists) mk_json_set(object, "isolated_right", json_integer(f->right));
     mk_json_set(object, "false_alarm_epochs", json_integer(f->false_alarms));
     mk_json_set(object, "clean_epochs", json_integer(f->clean));
     mk_json_set(object, "late_alarm_epochs", json_integer(f->late_alarms));
     mk_json_set(object, "epochs_after", json_integer(f->after));
     mk_json_set(object, "ended", json_integer(f->ended));
-    set_number(object, "first_end_after_s", f->end);
-    set_number(object, "first_end_after_s_5", f->end_low);
-    set_number(object, "first_end_after_s_95", f->end_high);
+    mk_json_set_number(object, "first_end_after_s", f->end);
+    mk_json_set_number(object, "first_end_after_s_5", f->end_low);
+    mk_json_set_number(object, "first_end_after_s_95", f->end_high);
     mk_json_set(object, "alarm_s", each_run(r, ALARM_S));
     mk_json_set(object, "last_alarm_s", each_run(r, LAST_ALARM_S));
     mk_json_set(object, "first_false_alarm_s", each_run(r, FIRST_FALSE_S));
@@ -268,14 +257,14 @@ static json_t *monitor_of(const mk_nav_campaign_t *c, const mk_nav_result_t *r, 
 static json_t *counts_of(const mk_nav_result_t *r) {
     static const char *const name[] = {"used", "refused", "weighted", "excluded", "all_unused", "fewer_than_four"};
     json_t *object = json_object();
-    for (int i = 0; i < MK_NAV_COUNT_FAILED; i++) set_number(object, name[i], total(r, i));
+    for (int i = 0; i < MK_NAV_COUNT_FAILED; i++) mk_json_set_number(object, name[i], total(r, i));
     return object;
 }
 
 static json_t *failures_of(const mk_nav_result_t *r) {
     json_t *object = json_object();
     for (int i = 0; i < MK_STATUS_COUNT; i++)
-        if (total(r, MK_NAV_COUNT_FAILED + i) > 0.0) set_number(object, mk_status_name((mk_status_t)i), total(r, MK_NAV_COUNT_FAILED + i));
+        if (total(r, MK_NAV_COUNT_FAILED + i) > 0.0) mk_json_set_number(object, mk_status_name((mk_status_t)i), total(r, MK_NAV_COUNT_FAILED + i));
     return object;
 }
 
@@ -286,22 +275,22 @@ json_t *mk_nav_report_filter(const mk_nav_campaign_t *c, const mk_nav_result_t *
     mk_json_set(object, "filter", json_string(mk_nav_filter_name(c->filter)));
     mk_json_set(object, "runs_done", json_integer(r->statistics.runs));
     mk_json_set(object, "interrupted", json_boolean(r->interrupted));
-    set_number(object, "position_rmse", f.position);
-    set_number(object, "position_rmse_ci95", f.position_half);
-    set_number(object, "velocity_rmse", f.velocity);
-    set_number(object, "velocity_rmse_ci95", f.velocity_half);
-    set_number(object, "attitude_rmse", f.attitude);
-    set_number(object, "nees", f.nees);
-    set_number(object, "nees_low", f.nees_low);
-    set_number(object, "nees_high", f.nees_high);
-    mk_json_set(object, "nees_verdict", json_string(verdict(&f)));
-    set_number(object, "nees_steps_inside", f.nees_inside);
-    set_number(object, "nis_ratio", f.nis);
-    set_number(object, "weight_faulty", f.weight_faulty);
-    set_number(object, "weight_others", f.weight_others);
+    mk_json_set_number(object, "position_rmse", f.position);
+    mk_json_set_number(object, "position_rmse_ci95", f.position_half);
+    mk_json_set_number(object, "velocity_rmse", f.velocity);
+    mk_json_set_number(object, "velocity_rmse_ci95", f.velocity_half);
+    mk_json_set_number(object, "attitude_rmse", f.attitude);
+    mk_json_set_number(object, "nees", f.nees);
+    mk_json_set_number(object, "nees_low", f.nees_low);
+    mk_json_set_number(object, "nees_high", f.nees_high);
+    mk_json_set(object, "nees_verdict", json_string(mk_nees_verdict(f.nees, f.nees_low, f.nees_high)));
+    mk_json_set_number(object, "nees_steps_inside", f.nees_inside);
+    mk_json_set_number(object, "nis_ratio", f.nis);
+    mk_json_set_number(object, "weight_faulty", f.weight_faulty);
+    mk_json_set_number(object, "weight_others", f.weight_others);
     mk_json_set(object, "counts", counts_of(r));
     mk_json_set(object, "failures", failures_of(r));
-    set_number(object, "us_per_epoch", 1e6 * r->epoch_seconds);
+    mk_json_set_number(object, "us_per_epoch", 1e6 * r->epoch_seconds);
     if (c->span.exists) mk_json_set(object, "innovation_at_fault_end", each_run(r, INNOVATION));
     if (c->monitor.scheme != MK_MONITOR_NONE) mk_json_set(object, "monitor", monitor_of(c, r, &f));
     mk_json_set(object, "time_s", mk_json_numbers(mean->time, r->statistics.runs ? (size_t)mean->steps : 0));
@@ -322,11 +311,11 @@ static json_t *settings_of(const mk_nav_campaign_t *c) {
     if (mk_gate_thresholds_f64(m->false_alarm, c->scenario->nodes, threshold) == MK_OK)
         mk_json_set(object, "threshold", json_real(threshold[c->scenario->nodes - 1]));
     mk_json_set(object, "window", json_integer(m->window));
-    set_number(object, "false_alarm", m->false_alarm);
-    if (m->scheme == MK_MONITOR_IMPROVED) set_number(object, "jump", m->jump);
+    mk_json_set_number(object, "false_alarm", m->false_alarm);
+    if (m->scheme == MK_MONITOR_IMPROVED) mk_json_set_number(object, "jump", m->jump);
     if (m->scheme != MK_MONITOR_EXCLUDE) return object;
-    set_number(object, "evidence", m->evidence);
-    set_number(object, "separation", m->separation);
+    mk_json_set_number(object, "evidence", m->evidence);
+    mk_json_set_number(object, "separation", m->separation);
     mk_json_set(object, "most", json_integer(m->most));
     return object;
 }
@@ -336,10 +325,10 @@ static json_t *faults_of(const mk_scenario_t *s) {
     for (int i = 0; i < s->faults; i++) {
         json_t *fault = json_object();
         mk_json_set(fault, "satellite", json_integer(s->navigation->satellite[s->fault[i].node].number));
-        set_number(fault, "from_s", s->fault[i].from_s);
-        set_number(fault, "to_s", s->fault[i].to_s < 1e300 ? s->fault[i].to_s : (double)NAN);
-        set_number(fault, "rate", s->fault[i].rate);
-        set_number(fault, "step", s->fault[i].step);
+        mk_json_set_number(fault, "from_s", s->fault[i].from_s);
+        mk_json_set_number(fault, "to_s", s->fault[i].to_s < 1e300 ? s->fault[i].to_s : (double)NAN);
+        mk_json_set_number(fault, "rate", s->fault[i].rate);
+        mk_json_set_number(fault, "step", s->fault[i].step);
         (void)json_array_append_new(array, fault);
     }
     return array;

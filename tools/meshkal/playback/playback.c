@@ -134,7 +134,7 @@ static int restore(mk_playing_t *g, const mk_item_t *item, size_t offset) {
 /* Can an item of this kind have so much content? `known` bytes of it are there. */
 static int is_plausible(mk_playing_t *g, const mk_item_t *item, size_t known) {
     mk_error_t *const reason = &g->p->reason;
-    if (!mk_item_name(item->kind)) return mk_fail(reason, "kind %d: no item of a record has it", item->kind);
+    if (!mk_item_name(item->kind)) return mk_fail(reason, "kind %d: no item of a record has it (simulate --record makes records, --out a log)", item->kind);
     if (item->kind == MK_ITEM_CONFIGURATION) {
         mk_host_facts_t facts;
         /* What a cut leaves of one may say nothing. */

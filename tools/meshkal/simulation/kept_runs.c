@@ -71,7 +71,8 @@ static int read_items(mk_kept_t *kept, const char *campaign, const char *data, s
         if (*good > 0) fine = take_record(kept, item, error);
         else if (!is_text(member(item, "format"), format)) fine = mk_fail(error, "%s: not a file of kept runs", kept->path);
         else if (!is_text(member(item, "campaign"), campaign))
-            fine = mk_fail(error, "%s: holds runs of another campaign (scenario, seed, steps, tolerance, loss, precision, monitor or truth differ)", kept->path);
+            fine = mk_fail(error, "%s: holds runs of another campaign (scenario, seed, steps, tolerance, loss, precision, monitor or truth differ)",
+                           kept->path);
         cbor_decref(&item);
         if (!fine) return 0;
         *good += result.read;

@@ -15,8 +15,8 @@ mk_node_records_t *mk_node_records_open(const mk_campaign_t *campaign, const mk_
                                         mk_error_t *error);
 
 /* Stage 1 of step t, after that of the simulated network. schedule: tolerances of the step, or null. y, row_first, arrived: as
-   `incremental` of the network had and left them. excluded: slots whose readings its monitors left out, or null. good: the network's step went well, its psi are compared. 1, or 0 and *error, and *bad
-   the node. */
+   `incremental` of the network had and left them. excluded: slots whose readings its monitors left out, or null. good: the
+   network's step went well, its psi are compared. 1, or 0 and *error, and *bad the node. */
 int mk_node_records_incremental(mk_node_records_t *records, int t, const double *schedule, const double *y, const int *row_first,
                                 const uint8_t *arrived, const uint8_t *excluded, void *network, int good, int *bad, mk_error_t *error);
 /* Stage 2, likewise; the records grow. */

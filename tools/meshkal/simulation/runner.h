@@ -6,8 +6,7 @@
 #include "simulation/alerts.h"
 #include "simulation/campaign.h"
 #include "simulation/node_records.h"
-
-typedef enum { MK_RUN_NONE, MK_RUN_DONE, MK_RUN_STOPPED, MK_RUN_FAILED } mk_run_state_t;
+#include "simulation/ordered_runs.h"
 
 typedef struct {
     const mk_campaign_t *c;

@@ -7,6 +7,7 @@
 
 #include "json_out.h"
 #include "process.h"
+#include "report_cells.h"
 
 /* Of a filter: what is made of its records. */
 typedef struct {
@@ -69,11 +70,6 @@ static figures_t figures_of(const mk_track_campaign_t *c, const mk_track_result_
     return f;
 }
 
-static const char *verdict(const figures_t *f) {
-    if (isnan(f->nees)) return "-";
-    return f->nees > f->nees_high ? "over-confident" : f->nees < f->nees_low ? "cautious" : "inside";
-}
-
 /* All runs' count. */
 static double total(const mk_track_result_t *r, int which) {
     return r->statistics.runs ? round(r->statistics.mean.single[MK_TRACK_COUNT + which] * r->statistics.runs) : 0.0;
@@ -100,36 +96,31 @@ void mk_track_report_head(FILE *out, const mk_track_campaign_t *c) {
                   "P := P0", "rule", "failed", "ns a step", "x ukf");
 }
 
-static void print_cell(FILE *out, int width, int digits, double value) {
-    if (isfinite(value)) (void)fprintf(out, " %*.*f", width, digits, value);
-    else (void)fprintf(out, " %*s", width, "-");
-}
-
 void mk_track_report_row(FILE *out, const mk_track_campaign_t *c, const mk_track_result_t *r, double ukf_seconds) {
     const figures_t f = figures_of(c, r);
     char band[40];
     (void)snprintf(band, sizeof band, "%.3f..%.3f", f.nees_low, f.nees_high);
     (void)fprintf(out, "%-12s", c->filter->name);
-    print_cell(out, 12, 5, f.position);
-    print_cell(out, 8, 5, f.position_half);
-    print_cell(out, 12, 5, f.velocity);
-    print_cell(out, 8, 5, f.velocity_half);
-    print_cell(out, 9, 3, f.log_position);
-    print_cell(out, 9, 3, f.log_velocity);
-    print_cell(out, 8, 3, f.nees);
-    (void)fprintf(out, " %15s %-14s", isnan(f.nees) ? "-" : band, verdict(&f));
-    print_cell(out, 8, 4, f.nis);
+    mk_print_cell(out, 12, 5, f.position);
+    mk_print_cell(out, 8, 5, f.position_half);
+    mk_print_cell(out, 12, 5, f.velocity);
+    mk_print_cell(out, 8, 5, f.velocity_half);
+    mk_print_cell(out, 9, 3, f.log_position);
+    mk_print_cell(out, 9, 3, f.log_velocity);
+    mk_print_cell(out, 8, 3, f.nees);
+    (void)fprintf(out, " %15s %-14s", isnan(f.nees) ? "-" : band, mk_nees_verdict(f.nees, f.nees_low, f.nees_high));
+    mk_print_cell(out, 8, 4, f.nis);
     if (r->estimators > 1) (void)fprintf(out, " %10.3g", f.apart_largest);
-    else print_cell(out, 10, 0, (double)NAN);
-    print_cell(out, 9, 0, total(r, MK_TRACK_ACCEPTED));
-    print_cell(out, 9, 0, total(r, MK_TRACK_REJECTED));
-    print_cell(out, 9, 0, total(r, MK_TRACK_INFLATED));
-    print_cell(out, 7, 0, total(r, MK_TRACK_LOST));
-    print_cell(out, 8, 0, total(r, MK_TRACK_REINITIALISED));
-    print_cell(out, 6, 0, total(r, MK_TRACK_RULE));
-    print_cell(out, 6, 0, failures(r));
-    print_cell(out, 10, 0, f.ns);
-    print_cell(out, 7, 2, r->step_seconds / r->estimators / ukf_seconds);
+    else mk_print_cell(out, 10, 0, (double)NAN);
+    mk_print_cell(out, 9, 0, total(r, MK_TRACK_ACCEPTED));
+    mk_print_cell(out, 9, 0, total(r, MK_TRACK_REJECTED));
+    mk_print_cell(out, 9, 0, total(r, MK_TRACK_INFLATED));
+    mk_print_cell(out, 7, 0, total(r, MK_TRACK_LOST));
+    mk_print_cell(out, 8, 0, total(r, MK_TRACK_REINITIALISED));
+    mk_print_cell(out, 6, 0, total(r, MK_TRACK_RULE));
+    mk_print_cell(out, 6, 0, failures(r));
+    mk_print_cell(out, 10, 0, f.ns);
+    mk_print_cell(out, 7, 2, r->step_seconds / r->estimators / ukf_seconds);
     (void)fputs("\n", out);
 }
 
@@ -154,8 +145,6 @@ void mk_track_report_foot(FILE *out, const mk_track_campaign_t *c, const mk_trac
     (void)fprintf(out, "%d thread%s, peak memory %.0f MiB\n", c->threads, c->threads == 1 ? "" : "s", mk_peak_memory() / 1048576.0);
 }
 
-static void set_number(json_t *object, const char *key, double value) { mk_json_set(object, key, mk_json_number(value)); }
-
 /* The same for each element: f of it. */
 static json_t *mapped(const double *values, size_t count, double (*f)(double)) {
     json_t *array = json_array();
@@ -167,14 +156,14 @@ static json_t *readings_of(const mk_track_result_t *r) {
     json_t *object = json_object();
     static const char *const name[] = {"accepted", "rejected", "inflated", "refused", "lost", "updates", "rule_fired", "reinitialised", "isolated",
                                        "uninformed", "unfused"};
-    for (int i = MK_TRACK_ACCEPTED; i < MK_TRACK_FAILED; i++) set_number(object, name[i], total(r, i));
+    for (int i = MK_TRACK_ACCEPTED; i < MK_TRACK_FAILED; i++) mk_json_set_number(object, name[i], total(r, i));
     return object;
 }
 
 static json_t *failures_of(const mk_track_result_t *r) {
     json_t *object = json_object();
     for (int i = 0; i < MK_STATUS_COUNT; i++)
-        if (total(r, MK_TRACK_FAILED + i) > 0.0) set_number(object, mk_status_name((mk_status_t)i), total(r, MK_TRACK_FAILED + i));
+        if (total(r, MK_TRACK_FAILED + i) > 0.0) mk_json_set_number(object, mk_status_name((mk_status_t)i), total(r, MK_TRACK_FAILED + i));
     return object;
 }
 
@@ -187,23 +176,23 @@ json_t *mk_track_report_filter(const mk_track_campaign_t *c, const mk_track_resu
     mk_json_set(object, "estimators", json_integer(r->estimators));
     mk_json_set(object, "runs_done", json_integer(r->statistics.runs));
     mk_json_set(object, "interrupted", json_boolean(r->interrupted));
-    set_number(object, "position_rmse", f.position);
-    set_number(object, "position_rmse_ci95", f.position_half);
-    set_number(object, "velocity_rmse", f.velocity);
-    set_number(object, "velocity_rmse_ci95", f.velocity_half);
-    set_number(object, "position_rmse_all_steps", f.position_all);
-    set_number(object, "velocity_rmse_all_steps", f.velocity_all);
-    set_number(object, "mean_log_mse_position", f.log_position);
-    set_number(object, "mean_log_mse_velocity", f.log_velocity);
-    set_number(object, "nees", f.nees);
-    set_number(object, "nees_low", f.nees_low);
-    set_number(object, "nees_high", f.nees_high);
-    mk_json_set(object, "nees_verdict", json_string(verdict(&f)));
-    set_number(object, "nees_steps_inside", f.nees_inside);
-    set_number(object, "nis_ratio", f.nis);
+    mk_json_set_number(object, "position_rmse", f.position);
+    mk_json_set_number(object, "position_rmse_ci95", f.position_half);
+    mk_json_set_number(object, "velocity_rmse", f.velocity);
+    mk_json_set_number(object, "velocity_rmse_ci95", f.velocity_half);
+    mk_json_set_number(object, "position_rmse_all_steps", f.position_all);
+    mk_json_set_number(object, "velocity_rmse_all_steps", f.velocity_all);
+    mk_json_set_number(object, "mean_log_mse_position", f.log_position);
+    mk_json_set_number(object, "mean_log_mse_velocity", f.log_velocity);
+    mk_json_set_number(object, "nees", f.nees);
+    mk_json_set_number(object, "nees_low", f.nees_low);
+    mk_json_set_number(object, "nees_high", f.nees_high);
+    mk_json_set(object, "nees_verdict", json_string(mk_nees_verdict(f.nees, f.nees_low, f.nees_high)));
+    mk_json_set_number(object, "nees_steps_inside", f.nees_inside);
+    mk_json_set_number(object, "nis_ratio", f.nis);
     if (E > 1) {
-        set_number(object, "disagreement_rms", f.apart);
-        set_number(object, "disagreement_largest", f.apart_largest);
+        mk_json_set_number(object, "disagreement_rms", f.apart);
+        mk_json_set_number(object, "disagreement_largest", f.apart_largest);
         mk_json_set(object, "node_position_rmse", mapped(mean->node_position, E, sqrt));
         mk_json_set(object, "node_velocity_rmse", mapped(mean->node_velocity, E, sqrt));
         mk_json_set(object, "node_nees", mk_json_numbers(mean->node_nees, E));
@@ -211,9 +200,9 @@ json_t *mk_track_report_filter(const mk_track_campaign_t *c, const mk_track_resu
     }
     mk_json_set(object, "counts", readings_of(r));
     mk_json_set(object, "failures", failures_of(r));
-    if (isfinite(c->lost_m)) set_number(object, "targets_lost", round(mean->single[MK_TRACK_TARGET_LOST] * r->statistics.runs));
-    set_number(object, "ns_per_step", f.ns);
-    set_number(object, "time_ratio_to_ukf", r->step_seconds / r->estimators / ukf_seconds);
+    if (isfinite(c->lost_m)) mk_json_set_number(object, "targets_lost", round(mean->single[MK_TRACK_TARGET_LOST] * r->statistics.runs));
+    mk_json_set_number(object, "ns_per_step", f.ns);
+    mk_json_set_number(object, "time_ratio_to_ukf", r->step_seconds / r->estimators / ukf_seconds);
     mk_json_set(object, "time_s", mk_json_numbers(mean->time, T));
     mk_json_set(object, "log_mse_position_over_time", mapped(mean->position, T, log));
     mk_json_set(object, "log_mse_velocity_over_time", mapped(mean->velocity, T, log));

@@ -7,10 +7,9 @@
 #include <unistd.h>
 
 #include "commands.h"
-#include "json_out.h"
-#include "parallel.h"
 #include "plugin_load.h"
 #include "signals.h"
+#include "simulate_shared.h"
 #include "tracking/track_report.h"
 
 /* A gap of so many mean intervals is worth a note. */
@@ -76,21 +75,19 @@ static int change_settings(const mk_simulate_options_t *a, mk_scenario_t *s, mk_
 }
 
 static int set_campaign(mk_track_campaign_t *c, const mk_simulate_options_t *a, const mk_scenario_t *s, mk_error_t *error) {
-    long long steps = s->steps, runs = 1, seed = (long long)s->seed, threads = mk_cores();
+    mk_simulate_numbers_t given;
+    int single;
     c->scenario = s;
     c->lost_m = (double)INFINITY;
-    if (!mk_option_integer("steps", a->steps, 1, 1000000000, &steps, error) || !mk_option_integer("runs", a->runs, 1, 1000000, &runs, error) ||
-        !mk_option_integer("seed", a->seed, 0, INT64_MAX, &seed, error) || !mk_option_integer("threads", a->threads, 1, 4096, &threads, error) ||
+    if (!mk_simulate_numbers(a, s, &given, error) ||
         !mk_option_real("loss", a->loss, 0.0, 1.0, &c->loss, error) || !mk_option_real("lost-m", a->lost_m, 0.0, 1e300, &c->lost_m, error))
         return 0;
-    c->facts.steps = (long)steps;
-    c->runs = (int)runs;
-    c->seed = (uint64_t)seed;
-    c->threads = (int)threads;
-    c->tracker = &mk_tracker_f64;
-    if (a->real && strcmp(a->real, "float32") == 0) c->tracker = &mk_tracker_f32;
-    else if (a->real && strcmp(a->real, "float64") != 0) return mk_fail(error, "--real %s: must be float32 or float64", a->real);
-    if (a->measurements && c->runs != 1) return mk_fail(error, "--runs: recorded measurements can be run once only");
+    c->facts.steps = given.steps;
+    c->runs = given.runs;
+    c->seed = given.seed;
+    c->threads = given.threads;
+    if (!mk_simulate_real(a, given.runs, &single, error)) return 0;
+    c->tracker = single ? &mk_tracker_f32 : &mk_tracker_f64;
     if (!mk_tracking_filter_find(a->filter ? a->filter : "ukf", &c->filter, error)) return 0;
     if (!c->filter && a->out) return mk_fail(error, "--out: a log holds one filter; choose one with --filter");
     if (s->nodes > UINT16_MAX) return mk_fail(error, "tracking takes at most %d nodes, not %d", UINT16_MAX, s->nodes);
@@ -111,16 +108,6 @@ static int open_events(mk_track_campaign_t *c, const mk_simulate_options_t *a, c
 }
 
 /* --- what the network cannot do --------------------------------------------------------------------------------------------- */
-
-static void add_note(json_t *notes, const char *format, ...) MK_PRINTF(2, 3);
-static void add_note(json_t *notes, const char *format, ...) {
-    mk_error_t text;
-    va_list arguments;
-    va_start(arguments, format);
-    (void)mk_vfail(&text, format, arguments);
-    va_end(arguments);
-    (void)json_array_append_new(notes, json_string(text.text));
-}
 
 /* Parts of the graph: part[k] of node k. Also whether every edge joins two sides (the graph is bipartite). */
 static int count_parts(const mk_scenario_t *s, int *part, int *bipartite) {
@@ -155,16 +142,16 @@ static void note_network(const mk_scenario_t *s, const mk_tracking_filter_t *onl
     int *const part = mk_allocate((size_t)s->nodes, sizeof *part), bipartite;
     const int parts = count_parts(s, part, &bipartite);
     for (int k = 0; k < s->nodes; k++)
-        if (s->first[k + 1] - s->first[k] == 1) add_note(notes, "node %d has no links: in a distributed filter it has its own readings only", k);
+        if (s->first[k + 1] - s->first[k] == 1) mk_add_note(notes, "node %d has no links: in a distributed filter it has its own readings only", k);
     if (parts > 1) {
         int other = 0;
         while (part[other] == 0) other++;
-        add_note(notes, "the network is in %d parts, nodes 0 and %d in different ones: consensus cannot converge to one estimate, and each part of duif takes "
+        mk_add_note(notes, "the network is in %d parts, nodes 0 and %d in different ones: consensus cannot converge to one estimate, and each part of duif takes "
                         "its average for that of all %d nodes",
                  parts, other, s->nodes);
     }
     if (bipartite && s->nodes > 1 && s->tracking->protocol == MK_PROTOCOL_PAPER && (!only || only->kind == MK_TRACK_INFORMATION))
-        add_note(notes, "the graph has no cycle of odd length: the paper's protocol converges in steps only in which some node measures");
+        mk_add_note(notes, "the graph has no cycle of odd length: the paper's protocol converges in steps only in which some node measures");
     free(part);
 }
 
@@ -203,7 +190,7 @@ static int spanned_by_ranges(const mk_scenario_t *s) {
 static void note_mirror(const mk_scenario_t *s, json_t *notes) {
     const int d = s->position_count, axes = d >= 2 ? spanned_by_ranges(s) : -1;
     if (axes < 0 || axes >= d) return;
-    add_note(notes, "all distances are measured from places %s: the target's mirror image fits them as well, and after a gap or near them "
+    mk_add_note(notes, "all distances are measured from places %s: the target's mirror image fits them as well, and after a gap or near them "
                     "filters can go over to it: move a sensor out of there",
              axes == 0 ? "that are one point" : axes == 1 ? "on one line" : "in one plane");
 }
@@ -212,14 +199,14 @@ static void note_mirror(const mk_scenario_t *s, json_t *notes) {
 static void note_gap(const mk_events_facts_t *facts, json_t *notes) {
     const double others = facts->last_s - facts->start_s - facts->longest_gap_s;
     if (facts->drawn || facts->steps < 3 || !(facts->longest_gap_s > LONG_GAP * others / (double)(facts->steps - 2))) return;
-    add_note(notes, "%.6g s without a reading, from t = %.15g on, %.3g times the mean interval of the others: a wrong time stamp?",
+    mk_add_note(notes, "%.6g s without a reading, from t = %.15g on, %.3g times the mean interval of the others: a wrong time stamp?",
              facts->longest_gap_s, facts->longest_gap_from_s, facts->longest_gap_s / others * (double)(facts->steps - 2));
 }
 
 /* Recordings hold more than the gate's model of them. */
 static void note_patience(const mk_track_campaign_t *c, json_t *notes) {
     if (c->facts.drawn || !c->scenario->tracking->gate.exists || c->scenario->tracking->gate.patience > 0) return;
-    add_note(notes, "the gate has no way back: a filter that loses its target, as in a gap, may refuse all readings from then on: set tracking.gate.patience, 10 "
+    mk_add_note(notes, "the gate has no way back: a filter that loses its target, as in a gap, may refuse all readings from then on: set tracking.gate.patience, 10 "
                     "where readings come one at a time");
 }
 
@@ -239,7 +226,7 @@ static int run_filters(mk_track_campaign_t *c, json_t *filters, json_t *notes, i
         status = mk_track_campaign_run(c, &result[ran], error);
         *interrupted = result[ran].interrupted;
         if (status == MK_EXIT_INPUT && !only) {
-            add_note(notes, "left out: %s", error->text);
+            mk_add_note(notes, "left out: %s", error->text);
             mk_track_result_free(&result[ran]);
             status = 0;
             continue;
@@ -261,30 +248,23 @@ static int run_filters(mk_track_campaign_t *c, json_t *filters, json_t *notes, i
     return status;
 }
 
-static int run_written(mk_track_campaign_t *c, const char *json, int *interrupted, mk_error_t *error) {
-    json_t *filters = json_array(), *notes = json_array();
-    mk_output_t file;
-    int status = json && !mk_open_output(&file, json, error) ? MK_EXIT_INPUT : 0;
-    if (!status) {
-        note_network(c->scenario, c->filter, notes);
-        note_mirror(c->scenario, notes);
-        note_gap(&c->facts, notes);
-        note_patience(c, notes);
-        status = run_filters(c, filters, notes, interrupted, error);
-        if (json) {
-            mk_error_t file_error;
-            json_t *const summary = mk_track_report_summary(c, json_incref(filters), json_incref(notes));
-            if (!status) (void)json_dumpf(summary, file.stream, JSON_INDENT(1) | JSON_REAL_PRECISION(17));
-            json_decref(summary);
-            if (!mk_close_output(&file, !status, &file_error) && !status) {
-                *error = file_error;
-                status = MK_EXIT_FAILED;
-            }
-        }
-    }
-    json_decref(filters);
-    json_decref(notes);
-    return status;
+typedef struct {
+    mk_track_campaign_t *c;
+    int interrupted;
+} work_t;
+
+static int do_work(void *context, json_t *filters, json_t *notes, mk_error_t *error) {
+    work_t *const w = context;
+    note_network(w->c->scenario, w->c->filter, notes);
+    note_mirror(w->c->scenario, notes);
+    note_gap(&w->c->facts, notes);
+    note_patience(w->c, notes);
+    return run_filters(w->c, filters, notes, &w->interrupted, error);
+}
+
+static json_t *summarise(void *context, json_t *filters, json_t *notes) {
+    const work_t *const w = context;
+    return mk_track_report_summary(w->c, filters, notes);
 }
 
 int mk_track_simulate(const mk_simulate_options_t *a, mk_scenario_t *s) {
@@ -294,7 +274,8 @@ int mk_track_simulate(const mk_simulate_options_t *a, mk_scenario_t *s) {
     mk_events_t *events = NULL;
     mk_models_f64_t *models = NULL;
     void *own = NULL;
-    int interrupted = 0, status = MK_EXIT_INPUT;
+    work_t work = {&c, 0};
+    int status = MK_EXIT_INPUT;
     memset(&c, 0, sizeof c);
     if (refuse_options(a, &error) && change_settings(a, s, &error) && set_campaign(&c, a, s, &error) && mk_plugin_load(a->models, &plugin, &error) &&
         (models = mk_models_open_f64(s, plugin, &error)) != NULL && open_events(&c, a, models, &events, &error) &&
@@ -304,11 +285,11 @@ int mk_track_simulate(const mk_simulate_options_t *a, mk_scenario_t *s) {
         c.log_path = a->out;
         c.progress = isatty(STDERR_FILENO) == 1;
         mk_catch_signals();
-        status = run_written(&c, a->json, &interrupted, &error);
+        status = mk_simulate_written(&(mk_simulate_work_t){&work, do_work, summarise}, a->json, &error);
     }
     if (status) (void)mk_complain(&error, status);
     if (own) c.tracker->close_models(own);
     if (events) mk_events_free(events);
     if (models) mk_models_close_f64(models);
-    return !status && interrupted ? MK_EXIT_FAILED : status;
+    return !status && work.interrupted ? MK_EXIT_FAILED : status;
 }
