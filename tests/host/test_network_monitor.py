@@ -3,10 +3,9 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
-from conftest import ROOT
-
-STUDY = ROOT / "tools" / "network-monitor" / "study.py"
+STUDY = Path(__file__).resolve().parents[2] / "tools" / "network-monitor" / "study.py"
 
 
 def study(*arguments):
