@@ -69,6 +69,8 @@ extern "C" {
                         innovations were drawn towards the fault, through the filter */
 enum { MK_MONITOR_RCTM, MK_MONITOR_AIME, MK_MONITOR_IMPROVED, MK_MONITOR_EXCLUDE };
 
+/* Rows of a monitor, places x m, at most. */
+#define MK_MONITOR_ROWS 32
 /* Scratch memory, in numbers, of watch, which the typed function takes from the stack; N = places x m. */
 #define MK_MONITOR_WORK(N) (3 * MK_PACKED(N) + 4 * (N))
 
@@ -189,7 +191,7 @@ MK_DECLARE_MONITOR(f64)
         uint32_t seen[epochs];                                                                                                \
     } name##_t;                                                                                                               \
     typedef mk_monitor_config_##real##_t name##_config_t;                                                                     \
-    typedef char name##_has_at_most_32_rows[(place_count) * (most_rows) <= 32 ? 1 : -1];                                      \
+    typedef char name##_has_too_many_rows[(place_count) * (most_rows) <= MK_MONITOR_ROWS ? 1 : -1];                             \
     MK_INLINE mk_monitor_view_##real##_t name##_view(name##_t *monitor, mk_##real##_t *work) {                                \
         mk_monitor_view_##real##_t view;                                                                                      \
         view.core = &monitor->core;                                                                                           \

@@ -8,9 +8,6 @@
 #include "run_log.h"
 #include "scenario.h"
 
-/* Rows that a monitor takes, at most: m x places. */
-#define MK_MONITOR_ROWS 32
-
 /* What the monitors of E estimators say of an epoch, in their precision: the log's fields (log-format.md). Slots: of all of them, one after
    another. */
 typedef struct {
@@ -25,6 +22,7 @@ typedef struct {
 
 mk_monitor_snapshot_t mk_monitor_snapshot_make(size_t real_size, int scheme, int estimators, size_t slots);
 void mk_monitor_snapshot_free(mk_monitor_snapshot_t *snapshot);
+double mk_monitor_isolation(const mk_monitor_snapshot_t *snapshot, int slot);
 
 /* The arrays of a step item for this scheme, in their order: at most MK_MONITOR_FIELDS, how many is returned. width: bytes of an element. */
 enum { MK_MONITOR_FIELDS = 12 };

@@ -17,7 +17,6 @@ typedef struct {
     MK_REAL nis;
     const MK_F_T(mk_row_weights) *weights; /* null: none */
     uint16_t weighted_rows, unused_rows; /* rows with a weight below 1, and with 0 */
-    uint8_t weighed;                     /* 1: the statistics are in b */
     MK_F_T(mk_linear) linear;        /* stacked */
     MK_REAL *e;                      /* innovations, stacked */
     MK_REAL *noise;                  /* R as the gate inflates it, packed and stacked */

@@ -26,16 +26,11 @@ typedef struct {
     MK_REAL count, mean, squares;
 } MK_F_T(mk_spread);
 
-MK_NOINLINE MK_F_T(mk_spread) MK_F(mk_spread_join)(MK_F_T(mk_spread) a, MK_F_T(mk_spread) b) {
-    if (b.count == MK_R(0.0)) return a;
-    const MK_REAL apart = b.mean - a.mean, count = a.count + b.count;
-    const MK_F_T(mk_spread) both = {count, a.mean + apart * (b.count / count), a.squares + b.squares + apart * apart * (a.count * (b.count / count))};
-    return both;
-}
-
-static MK_F_T(mk_spread) MK_F(mk_spread_add)(MK_F_T(mk_spread) a, MK_REAL value) {
-    const MK_F_T(mk_spread) one = {MK_R(1.0), value, MK_R(0.0)};
-    return a.count > MK_R(0.0) ? MK_F(mk_spread_join)(a, one) : one;
+static void MK_F(mk_spread_add)(MK_F_T(mk_spread) * a, MK_REAL value) {
+    const MK_REAL apart = value - a->mean, count = a->count + MK_R(1.0), share = MK_R(1.0) / count;
+    a->mean += apart * share;
+    a->squares += apart * apart * (a->count * share);
+    a->count = count;
 }
 
 static MK_REAL MK_F(mk_limited)(MK_REAL value) { return value > MK_LARGEST ? MK_LARGEST : value < -MK_LARGEST ? -MK_LARGEST : value; }
@@ -55,10 +50,10 @@ void MK_F(mk_weight_statistics)(int kind, int rows, const MK_REAL *r, const MK_R
     for (int j = 0; j < rows; j++) {
         const MK_REAL u = statistic[j] / unit, count = (MK_REAL)(rows - 1);
         MK_F_T(mk_spread) others = before;
-        for (int i = j + 1; i < rows; i++) others = MK_F(mk_spread_add)(others, statistic[i] / unit);
+        for (int i = j + 1; i < rows; i++) MK_F(mk_spread_add)(&others, statistic[i] / unit);
         const MK_REAL apart = u - others.mean, s = MK_F(mk_sqrt)(others.squares / (count - MK_R(1.0)) * (MK_R(1.0) + MK_R(1.0) / count));
         statistic[j] = apart == MK_R(0.0) ? MK_R(0.0) : MK_F(mk_limited)(apart / s);
-        before = MK_F(mk_spread_add)(before, u);
+        MK_F(mk_spread_add)(&before, u);
     }
 }
 
@@ -111,7 +106,6 @@ static mk_status_t MK_F(mk_reweigh)(MK_F_T(mk_updating) * u) {
     MK_REAL *const C = u->noise, *const v = u->e, *const columns = u->B;
     for (int r = 0; r < rows; r++) u->b[r] = u->noise[MK_AT(r, r)] + MK_F(mk_stack_spread)(n, u, r, r);
     MK_F(mk_weight_statistics)(u->weights->kind, rows, u->e, u->b, u->b);
-    u->weighed = 1;
     for (int r = 0; r < rows; r++) {
         const MK_REAL w = MK_F(mk_weight_of)(u, r);
         u->weighted_rows = (uint16_t)(u->weighted_rows + (w < MK_R(1.0)));
@@ -160,7 +154,7 @@ static void MK_F(mk_weights_commit)(const MK_F_T(mk_updating) * u) {
     const MK_F_T(mk_row_weights) *const weights = u->weights;
     int first = 0;
     for (int l = 0; l < u->slots; l++) {
-        const int used = u->weighed && u->factor[l] > MK_R(0.0);
+        const int used = u->factor[l] > MK_R(0.0);
         for (int r = 0; r < u->m; r++) {
             const int read = used && r < u->config->sensor[l].rows;
             if (weights->weight) weights->weight[l * u->m + r] = read ? MK_F(mk_weight_of)(u, first + r) : MK_R(0.0);

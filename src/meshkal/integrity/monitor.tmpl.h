@@ -2,7 +2,7 @@
 /* meshkal/monitor.h: start, an epoch, the schemes. */
 
 static mk_status_t MK_F(mk_monitor_check)(int m, int places, int window, const MK_F_T(mk_monitor_config) * config) {
-    if (!config || m < 1 || places < 1 || window < 1 || m > MK_MONITOR_MOST_ROWS || places > MK_MONITOR_MOST_ROWS / m) return MK_ERROR_ARGUMENT;
+    if (!config || m < 1 || places < 1 || window < 1 || m > MK_MONITOR_ROWS || places > MK_MONITOR_ROWS / m) return MK_ERROR_ARGUMENT;
     if (config->m != m || config->places != places || config->window != window) return MK_ERROR_SHAPE;
     if (!config->threshold || config->scheme > MK_MONITOR_EXCLUDE) return MK_ERROR_ARGUMENT;
     if (!MK_F(mk_all_finite)(m * places, config->threshold)) return MK_ERROR_NOT_FINITE;
@@ -134,10 +134,8 @@ static mk_status_t MK_F(mk_monitor_inform)(const mk_reading_t *reading, const MK
         if (!MK_F(mk_ldl_row)(i, Z)) return MK_ERROR_NOT_POSITIVE_DEFINITE;
     }
     *q = MK_F(mk_monitor_square)(n, Z, spare);
-    for (int i = n - 1; i >= 0; i--) {
-        v[i] = spare[i] * Z[MK_AT(i, i)];
-        for (int k = i + 1; k < n; k++) v[i] -= Z[MK_AT(k, i)] * v[k];
-    }
+    for (int i = 0; i < n; i++) v[i] = spare[i];
+    MK_F(mk_ldl_backward)(n, Z, v);
     MK_F(mk_ldl_invert)(n, Z);
     return MK_OK;
 }

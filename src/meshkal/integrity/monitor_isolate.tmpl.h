@@ -4,12 +4,12 @@
 /* The rows `out` of I and v are estimated freely: what is left in the rows `rest` is what these know when the offset of the others may be anything
    (Schur complement). `order` takes the rows in the order in which they went; returns its length, `done` before. */
 static int MK_F(mk_monitor_eliminate)(uint32_t out, uint32_t rest, MK_REAL *I, MK_REAL *v, int done, uint8_t *order) {
-    for (int k = 0; k < MK_MONITOR_MOST_ROWS; k++) {
+    for (int k = 0; k < MK_MONITOR_ROWS; k++) {
         if (!(out >> k & 1u)) continue;
         out &= ~(UINT32_C(1) << k);
         order[done++] = (uint8_t)k;
         const uint32_t left = I[MK_AT(k, k)] > MK_R(0.0) ? out | rest : 0;
-        for (int i = 0; i < MK_MONITOR_MOST_ROWS; i++) {
+        for (int i = 0; i < MK_MONITOR_ROWS; i++) {
             if (!(left >> i & 1u)) continue;
             const MK_REAL f = I[MK_PLACE(i, k)] / I[MK_AT(k, k)];
             v[i] -= f * v[k];
@@ -37,7 +37,7 @@ static uint32_t MK_F(mk_monitor_isolate)(const MK_F_T(mk_monitor_config) * confi
                                          MK_REAL *v, MK_REAL *b, MK_REAL *work, int *sure) {
     const int m = config->m;
     uint32_t suspects = 0, first = 0;
-    uint8_t order[MK_MONITOR_MOST_ROWS];
+    uint8_t order[MK_MONITOR_ROWS];
     int gone = 0, gone_first = 0;
     *sure = 0;
     for (int step = 0; step < most && rows; step++) {

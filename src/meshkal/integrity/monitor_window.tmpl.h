@@ -26,7 +26,7 @@ static uint32_t MK_F(mk_monitor_remaining)(const MK_F_T(mk_monitor_view) * view)
    adds nothing to what is solved with L. Returns the number of rows that do. */
 static int MK_F(mk_monitor_factor)(uint32_t set, const MK_REAL *A, const MK_REAL *B, MK_REAL *L) {
     int n = 0, good = 0;
-    for (int i = 0; i < MK_MONITOR_MOST_ROWS; i++) {
+    for (int i = 0; i < MK_MONITOR_ROWS; i++) {
         if (!(set >> i & 1u)) continue;
         MK_REAL *const row = L + MK_AT(n, 0);
         for (int j = 0, k = 0; j <= i; j++)
@@ -118,7 +118,7 @@ static void MK_F(mk_monitor_seat)(const MK_F_T(mk_monitor_view) * view, int sens
                                   mk_reading_t *reading) {
     const int m = view->core->config->m, places = view->core->config->places;
     const uint32_t remaining = MK_F(mk_monitor_remaining)(view);
-    int reader[MK_MONITOR_MOST_ROWS];
+    int reader[MK_MONITOR_ROWS];
     reading->seen = 0;
     reading->remaining = remaining;
     reading->crowded = reading->sensors = reading->rows = 0;

@@ -3,10 +3,8 @@
 #ifndef MESHKAL_INTEGRITY_ROWS_H
 #define MESHKAL_INTEGRITY_ROWS_H
 
-#define MK_MONITOR_MOST_ROWS 32
-
 /* The first `rows` rows of a place, 1 <= rows <= m. */
-static uint32_t mk_rows_of(int m, int place, int rows) { return (UINT32_MAX >> (MK_MONITOR_MOST_ROWS - rows)) << (place * m); }
+static uint32_t mk_rows_of(int m, int place, int rows) { return (UINT32_MAX >> (MK_MONITOR_ROWS - rows)) << (place * m); }
 
 static int mk_rows_count(uint32_t set) {
     int count = 0;
@@ -22,11 +20,11 @@ typedef struct {
     struct {
         uint16_t from, index; /* first row in r and S; of the sensor in the call */
         uint8_t place, rows;
-    } sensor[MK_MONITOR_MOST_ROWS];
+    } sensor[MK_MONITOR_ROWS];
     struct {
         uint16_t from; /* in r and S */
         uint8_t number, sensor;
-    } row[MK_MONITOR_MOST_ROWS];
+    } row[MK_MONITOR_ROWS];
 } mk_reading_t;
 
 #endif
