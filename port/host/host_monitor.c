@@ -49,6 +49,10 @@ void mk_monitor_snapshot_free(mk_monitor_snapshot_t *snapshot) {
     free(snapshot->end_ratio);
 }
 
+double mk_monitor_isolation(const mk_monitor_snapshot_t *s, int slot) {
+    return s->real_size == sizeof(float) ? (double)((const float *)s->isolation)[slot] : ((const double *)s->isolation)[slot];
+}
+
 int mk_monitor_fields(const mk_monitor_snapshot_t *s, mk_monitor_field_t *field) {
     const mk_monitor_field_t all[MK_MONITOR_FIELDS] = {{"monitor_rctm", MK_FIELD_REAL, s->real_size, 0, s->rctm},
                                                        {"monitor_rctm_rows", MK_FIELD_UINT32, 4, 0, s->rctm_rows},

@@ -22,7 +22,7 @@ MK_F_T(mk_host_monitor) * MK_F(mk_host_monitor_open)(const mk_monitor_settings_t
     h->config.places = (uint16_t)places;
     h->config.window = (uint16_t)settings->window;
     h->config.threshold = threshold;
-    h->config.jump = (MK_REAL)(settings->jump > 0.0 ? settings->jump : 2.0 * settings->window);
+    h->config.jump = (MK_REAL)settings->jump;
     h->config.separation = (MK_REAL)settings->separation;
     h->config.evidence = (MK_REAL)settings->evidence;
     h->config.zero = zero;

@@ -19,7 +19,7 @@ typedef struct {
 /* What is added to row `row` of node `node` for from_s < t <= to_s: step + rate (t - from_s). */
 typedef struct {
     int node, row;
-    double from_s, to_s, rate, step;
+    double from_s, to_s, rate, step; /* to_s: infinite where it has no end */
 } mk_sensor_fault_t;
 
 /* Of the monitors (meshkal/monitor.h), whose configuration explains them. */

@@ -15,7 +15,7 @@ static int read_fault(mk_reader_t *reader, json_t *value, const char *at, const 
     const int rows = s->sensor[fault->node].rows;
     (void)snprintf(place, sizeof place, "%s.node", at);
     if (rows == 0) return mk_read_bad(reader, place, "node %d has no sensor", fault->node);
-    fault->to_s = DBL_MAX;
+    fault->to_s = (double)INFINITY;
     if (!mk_read_integer(reader, value, at, "row", 0, rows - 1, &fault->row) ||
         !mk_read_between(reader, value, at, "from_s", -DBL_MAX, DBL_MAX, "a number of seconds", &fault->from_s) ||
         !mk_read_between(reader, value, at, "to_s", -DBL_MAX, DBL_MAX, "a number of seconds", &fault->to_s) ||
@@ -44,10 +44,21 @@ int mk_read_faults(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
     return 1;
 }
 
-/* Is a after b? */
-static int is_after(double a, double b) { return a - b > 1e-9 * (1.0 + fabs(b)); }
+int mk_is_after(double a_s, double b_s) { return a_s - b_s > 1e-9 * (1.0 + fabs(b_s)); }
 
-int mk_fault_is_on(const mk_sensor_fault_t *fault, double t_s) { return is_after(t_s, fault->from_s) && !is_after(t_s, fault->to_s); }
+int mk_fault_is_on(const mk_sensor_fault_t *fault, double t_s) { return mk_is_after(t_s, fault->from_s) && !mk_is_after(t_s, fault->to_s); }
+
+double mk_faults_begin(const mk_scenario_t *s) {
+    double begin = (double)INFINITY;
+    for (int i = 0; i < s->faults; i++) begin = fmin(begin, s->fault[i].from_s);
+    return begin;
+}
+
+double mk_faults_end(const mk_scenario_t *s) {
+    double end = s->faults ? -(double)INFINITY : (double)INFINITY;
+    for (int i = 0; i < s->faults; i++) end = fmax(end, s->fault[i].to_s);
+    return end;
+}
 
 static double value_at(const mk_sensor_fault_t *fault, double t_s) {
     return mk_fault_is_on(fault, t_s) ? fault->step + fault->rate * (t_s - fault->from_s) : 0.0;

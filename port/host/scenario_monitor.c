@@ -1,11 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 #include "scenario_monitor.h"
 
-#include <errno.h>
 #include <float.h>
-#include <math.h>
 #include <meshkal/monitor.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "host_monitor.h"
@@ -49,35 +46,5 @@ int mk_read_monitor(mk_reader_t *reader, json_t *root, mk_scenario_t *s) {
                      !mk_read_integer(reader, settings, key, "most", 1, MK_MONITOR_ROWS, &m->most) ||
                      !mk_read_integer(reader, settings, key, "patience", 0, 65535, &m->patience)))
         return 0;
-    return 1;
-}
-
-/* A number at the whole of text. */
-static int read_real(const char *text, double *value) {
-    char *end;
-    *value = strtod(text, &end);
-    return end != text && !*end;
-}
-
-int mk_monitor_options(const char *monitor, const char *window, const char *false_alarm, const mk_scenario_t *s, mk_monitor_settings_t *settings,
-                       mk_error_t *error) {
-    double value;
-    *settings = s->monitor;
-    settings->scheme = MK_MONITOR_NONE;
-    if (monitor && !mk_monitor_find(monitor, &settings->scheme, error)) return 0;
-    const int none = settings->scheme == MK_MONITOR_NONE;
-    if (none && (window || false_alarm)) return mk_fail(error, "--%s goes with --monitor", window ? "window" : "false-alarm");
-    if (window) {
-        if (!read_real(window, &value) || !(value >= 1.0 && value <= MK_MONITOR_LONGEST) || value > floor(value))
-            return mk_fail(error, "--window %s: must be an integer from 1 to %d", window, MK_MONITOR_LONGEST);
-        settings->window = (int)value;
-    }
-    if (false_alarm) {
-        if (!read_real(false_alarm, &value) || !(value > 0.0 && value < 1.0))
-            return mk_fail(error, "--false-alarm %s: must be a probability, above 0 and below 1", false_alarm);
-        settings->false_alarm = value;
-    }
-    /* Not published; the best single value found (spec 3.3). */
-    if (!(settings->jump > 0.0)) settings->jump = 2.0 * settings->window;
     return 1;
 }

@@ -19,8 +19,4 @@ int mk_monitor_find(const char *name, int *scheme, mk_error_t *error);
 /* Part of mk_scenario_load_any: what the scenario does not say gets its default, and the scheme is none: that comes from the command line. */
 int mk_read_monitor(mk_reader_t *reader, json_t *root, mk_scenario_t *scenario);
 
-/* The options --monitor, --window and --false-alarm, null where not given, over the scenario's settings. 1, or 0 and an error. */
-int mk_monitor_options(const char *monitor, const char *window, const char *false_alarm, const mk_scenario_t *scenario,
-                       mk_monitor_settings_t *settings, mk_error_t *error);
-
 #endif

@@ -91,7 +91,7 @@ static int set_campaign(mk_campaign_t *c, const arguments_t *a, const mk_scenari
         return mk_fail(error, "--record: %d nodes, but frames have 16 bits for the number of a node", s->nodes);
     if (s->nodes > UINT16_MAX && (!c->filter || c->filter->central))
         return mk_fail(error, "a centralised filter takes at most %d nodes, not %d", UINT16_MAX, s->nodes);
-    return mk_monitor_options(a->monitor, a->window, a->false_alarm, s, &c->monitor, error) && set_shares(c, a, team, error);
+    return mk_simulate_monitor(a, s, &c->monitor, error) && set_shares(c, a, team, error);
 }
 
 static int open_source(mk_source_t *source, mk_campaign_t *c, const arguments_t *a, mk_error_t *error) {

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT */
 #include "monitor_report.h"
 
-#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 
 #include "distributions.h"
 #include "json_out.h"
 #include "simulation/alerts.h"
+#include "simulation/statistics.h"
 
 static const char *const phases[MK_PHASES] = {"before", "during", "after"};
 
@@ -43,7 +43,7 @@ static json_t *found(const mk_statistics_t *s, const mk_sensor_fault_t *fault, s
     mk_json_set(object, "node", json_integer(fault->node));
     mk_json_set(object, "row", json_integer(fault->row));
     mk_json_set(object, "from_s", json_real(fault->from_s));
-    mk_json_set(object, "to_s", fault->to_s < DBL_MAX ? json_real(fault->to_s) : json_null());
+    mk_json_set_number(object, "to_s", fault->to_s);
     mk_json_set(object, "rate", json_real(fault->rate));
     mk_json_set(object, "step", json_real(fault->step));
     mk_json_set(object, "alarm", times_of(s, at + MK_FOUND_HEARING, at + MK_FOUND_ALARMED, at + MK_FOUND_ALARM_FIRST, at + MK_FOUND_ALARM_MEDIAN));
@@ -122,11 +122,6 @@ static void print_false_alarms(FILE *out, const mk_campaign_t *c, json_t *filter
                        "come in rows and the interval is too narrow.\n");
 }
 
-static int compare(const void *a, const void *b) {
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* Median over runs; null is never. */
 static void print_median(FILE *out, json_t *runs) {
     const size_t count = json_array_size(runs);
@@ -135,8 +130,8 @@ static void print_median(FILE *out, json_t *runs) {
         json_t *number = json_array_get(runs, i);
         value[i] = json_is_number(number) ? json_number_value(number) : (double)INFINITY;
     }
-    qsort(value, count, sizeof *value, compare);
-    const double median = count ? 0.5 * (value[(count - 1) / 2] + value[count / 2]) : (double)INFINITY;
+    mk_sort(value, count);
+    const double median = mk_median(value, count);
     if (isfinite(median)) (void)fprintf(out, " %8g", median);
     else (void)fprintf(out, " %8s", "never");
     free(value);

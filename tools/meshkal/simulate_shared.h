@@ -21,6 +21,9 @@ int mk_simulate_numbers(const mk_simulate_options_t *options, const mk_scenario_
 /* --real: whether it is float32; and whether what is recorded is one run. 1, or 0 and *error. */
 int mk_simulate_real(const mk_simulate_options_t *options, int runs, int *single, mk_error_t *error);
 
+/* --monitor, --window and --false-alarm over the scenario's settings; jump is then known. 1, or 0 and *error. */
+int mk_simulate_monitor(const mk_simulate_options_t *options, const mk_scenario_t *scenario, mk_monitor_settings_t *settings, mk_error_t *error);
+
 /* A sentence for the summary's list. */
 void mk_add_note(json_t *notes, const char *format, ...) MK_PRINTF(2, 3);
 

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT */
 #include "navigation/nav_record.h"
 
-#include <float.h>
 #include <math.h>
-#include <meshkal/quantile.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "scenario_faults.h"
 #include "scenario_monitor.h"
+#include "simulation/statistics.h"
 
 void mk_nav_record_open(mk_nav_record_t *r, long steps) {
     const size_t T = (size_t)steps;
@@ -31,15 +31,9 @@ void mk_nav_record_close(mk_nav_record_t *r) {
 /* --- what the monitor said -------------------------------------------------------------------------------------------------- */
 
 mk_nav_fault_span_t mk_nav_fault_span(const mk_scenario_t *s) {
-    mk_nav_fault_span_t span = {s->faults > 0, 0, (double)INFINITY, -(double)INFINITY};
-    for (int i = 0; i < s->faults; i++) {
-        if (s->fault[i].from_s < span.from_s) {
-            span.from_s = s->fault[i].from_s;
-            span.node = s->fault[i].node;
-        }
-        if (s->fault[i].to_s > span.to_s) span.to_s = s->fault[i].to_s < DBL_MAX ? s->fault[i].to_s : (double)INFINITY;
-    }
-    if (!span.exists) span.to_s = (double)INFINITY;
+    mk_nav_fault_span_t span = {s->faults > 0, 0, mk_faults_begin(s), mk_faults_end(s)};
+    for (int i = s->faults - 1; i >= 0; i--)
+        if (s->fault[i].from_s == span.from_s) span.node = s->fault[i].node;
     return span;
 }
 
@@ -48,23 +42,19 @@ void mk_nav_story_start(mk_nav_story_t *story) {
     story->alarm_s = story->last_alarm_s = story->first_false_s = story->innovation_at_end = (double)NAN;
 }
 
-static double isolation_of(const mk_monitor_snapshot_t *monitor, int k) {
-    return monitor->real_size == 4 ? (double)((const float *)monitor->isolation)[k] : ((const double *)monitor->isolation)[k];
-}
-
 static void name_satellite(mk_nav_story_t *story, const mk_scenario_t *s, const mk_monitor_snapshot_t *monitor) {
     int suspect = -1;
     for (int k = 0; k < s->nodes; k++) {
-        if (monitor->scheme == MK_MONITOR_EXCLUDE ? !monitor->excluded[k] : !(isolation_of(monitor, k) > 0.0)) continue;
-        if (suspect < 0 || (monitor->scheme != MK_MONITOR_EXCLUDE && isolation_of(monitor, k) > isolation_of(monitor, suspect))) suspect = k;
+        if (monitor->scheme == MK_MONITOR_EXCLUDE ? !monitor->excluded[k] : !(mk_monitor_isolation(monitor, k) > 0.0)) continue;
+        if (suspect < 0 || (monitor->scheme != MK_MONITOR_EXCLUDE && mk_monitor_isolation(monitor, k) > mk_monitor_isolation(monitor, suspect))) suspect = k;
     }
     if (suspect >= 0) story->isolated = s->navigation->satellite[suspect].number;
 }
 
 void mk_nav_story_add(mk_nav_story_t *story, const mk_scenario_t *s, const mk_nav_fault_span_t *span, const mk_epoch_t *epoch,
                       const mk_nav_look_t *look) {
-    const double t = epoch->t, rounding = 1e-9 * (1.0 + fabs(t));
-    const int before = !(t > span->from_s + rounding), after = t > span->to_s + rounding;
+    const double t = epoch->t;
+    const int before = !mk_is_after(t, span->from_s), after = mk_is_after(t, span->to_s);
     if (span->exists && !before && !after && epoch->have[span->node]) story->innovation_at_end = look->innovation[span->node];
     if (look->monitor.scheme == MK_MONITOR_NONE) return;
     const int alarm = look->monitor.alarm[0];
@@ -120,14 +110,6 @@ void mk_nav_statistics_add(mk_nav_statistics_t *s, const double *value) {
     s->runs++;
     for (size_t i = 0; i < s->mean.count; i++) {
         if (isnan(value[i])) continue;
-        const double known = ++s->known.value[i], away = value[i] - s->mean.value[i];
-        s->mean.value[i] += away / known;
-        s->squares.value[i] += away * (value[i] - s->mean.value[i]);
+        mk_welford(++s->known.value[i], 1, value + i, s->mean.value + i, s->squares.value + i);
     }
-}
-
-double mk_nav_half_width(const mk_nav_statistics_t *s, int which) {
-    const double runs = s->known.single[which];
-    if (runs < 2.0) return (double)NAN;
-    return mk_student_quantile(0.025, runs - 1.0) * sqrt(s->squares.single[which] / (runs - 1.0) / runs);
 }

@@ -75,7 +75,5 @@ typedef struct {
 void mk_nav_statistics_open(mk_nav_statistics_t *statistics, long steps);
 void mk_nav_statistics_close(mk_nav_statistics_t *statistics);
 void mk_nav_statistics_add(mk_nav_statistics_t *statistics, const double *value);
-/* Half-width of the 95 % confidence interval of the single number `which` (Student); NaN for fewer than two runs. */
-double mk_nav_half_width(const mk_nav_statistics_t *statistics, int which);
 
 #endif

@@ -10,6 +10,7 @@
 #include "process.h"
 #include "report_cells.h"
 #include "scenario_monitor.h"
+#include "simulation/statistics.h"
 
 /* Of a filter: what is made of its records. */
 typedef struct {
@@ -23,19 +24,6 @@ typedef struct {
     long false_alarms, clean, late_alarms, after;
 } figures_t;
 
-static int compare(const void *a, const void *b) {
-    const double x = *(const double *)a, y = *(const double *)b;
-    return x < y ? -1 : x > y;
-}
-
-/* Of sorted values, between neighbours in proportion. */
-static double quantile(const double *sorted, int count, double share) {
-    if (count == 0) return (double)NAN;
-    const double at = share * (count - 1);
-    const int low = (int)at, high = low + 1 < count ? low + 1 : low;
-    return sorted[low] + (at - low) * (sorted[high] - sorted[low]);
-}
-
 /* Values that are known, less `origin`: mean and quantiles. How many. */
 static int spread(double *values, int count, double *mean, double *low, double *high) {
     double sum = 0.0;
@@ -45,10 +33,10 @@ static int spread(double *values, int count, double *mean, double *low, double *
         sum += values[i];
         values[known++] = values[i];
     }
-    qsort(values, (size_t)known, sizeof *values, compare);
+    mk_sort(values, (size_t)known);
     *mean = known ? sum / known : (double)NAN;
-    *low = quantile(values, known, 0.05);
-    *high = quantile(values, known, 0.95);
+    *low = mk_quantile(values, (size_t)known, 0.05);
+    *high = mk_quantile(values, (size_t)known, 0.95);
     return known;
 }
 
@@ -75,6 +63,8 @@ static void tell_stories(const mk_nav_campaign_t *c, const mk_nav_result_t *r, f
     free(times);
 }
 
+static double half_width(const mk_nav_statistics_t *s, int which) { return mk_half_width(s->known.single[which], s->squares.single[which]); }
+
 static figures_t figures_of(const mk_nav_campaign_t *c, const mk_nav_result_t *r) {
     const mk_nav_statistics_t *const s = &r->statistics;
     const double *const mean = s->mean.single;
@@ -84,8 +74,8 @@ static figures_t figures_of(const mk_nav_campaign_t *c, const mk_nav_result_t *r
     f.position = s->known.single[MK_NAV_MEAN_POSITION] > 0.0 ? sqrt(mean[MK_NAV_MEAN_POSITION]) : nan;
     f.velocity = s->known.single[MK_NAV_MEAN_VELOCITY] > 0.0 ? sqrt(mean[MK_NAV_MEAN_VELOCITY]) : nan;
     f.attitude = s->known.single[MK_NAV_MEAN_ATTITUDE] > 0.0 ? sqrt(mean[MK_NAV_MEAN_ATTITUDE]) : nan;
-    f.position_half = mk_nav_half_width(s, MK_NAV_MEAN_POSITION) / (2.0 * f.position);
-    f.velocity_half = mk_nav_half_width(s, MK_NAV_MEAN_VELOCITY) / (2.0 * f.velocity);
+    f.position_half = half_width(s, MK_NAV_MEAN_POSITION) / (2.0 * f.position);
+    f.velocity_half = half_width(s, MK_NAV_MEAN_VELOCITY) / (2.0 * f.velocity);
     f.nees = s->known.single[MK_NAV_MEAN_NEES] > 0.0 ? mean[MK_NAV_MEAN_NEES] : nan;
     f.nees_low = mk_chi2_quantile(0.975, degrees) / s->runs;
     f.nees_high = mk_chi2_quantile(0.025, degrees) / s->runs;
@@ -124,7 +114,7 @@ void mk_nav_report_head(FILE *out, const mk_nav_campaign_t *c) {
         const mk_sensor_fault_t *const fault = &s->fault[i];
         (void)fprintf(out, "fault: satellite %d, %g m + %g m/s from %g s to ", s->navigation->satellite[fault->node].number, fault->step, fault->rate,
                       fault->from_s);
-        (void)(fault->to_s < 1e300 ? fprintf(out, "%g s\n", fault->to_s) : fprintf(out, "the end\n"));
+        (void)(isfinite(fault->to_s) ? fprintf(out, "%g s\n", fault->to_s) : fprintf(out, "the end\n"));
     }
     if (watched)
         (void)fprintf(out, "monitor: %s, window %d, false alarm %g a test; alarm: seconds after the fault began, mean and quantiles over the runs; end: of "
@@ -326,7 +316,7 @@ static json_t *faults_of(const mk_scenario_t *s) {
         json_t *fault = json_object();
         mk_json_set(fault, "satellite", json_integer(s->navigation->satellite[s->fault[i].node].number));
         mk_json_set_number(fault, "from_s", s->fault[i].from_s);
-        mk_json_set_number(fault, "to_s", s->fault[i].to_s < 1e300 ? s->fault[i].to_s : (double)NAN);
+        mk_json_set_number(fault, "to_s", s->fault[i].to_s);
         mk_json_set_number(fault, "rate", s->fault[i].rate);
         mk_json_set_number(fault, "step", s->fault[i].step);
         (void)json_array_append_new(array, fault);

@@ -34,7 +34,7 @@ static int set_campaign(mk_nav_campaign_t *c, const mk_simulate_options_t *a, co
     long long from = -1;
     int single;
     if (!mk_simulate_numbers(a, s, &given, error) ||
-        !mk_monitor_options(a->monitor, a->window, a->false_alarm, s, &c->monitor, error) ||
+        !mk_simulate_monitor(a, s, &c->monitor, error) ||
         !mk_nav_filter_find(a->filter ? a->filter : "ekf", &c->filter, error))
         return 0;
     if (!mk_simulate_real(a, given.runs, &single, error)) return 0;

@@ -6,23 +6,12 @@
 #include <string.h>
 
 #include "scenario_faults.h"
+#include "simulation/statistics.h"
 
 /* An estimator's row: MK_ALERT_COUNTS, then of each fault. NaN in ALARM: it does not hear the sensor. */
 enum { ALARM, ISOLATED, ENDED, EARLY, TIMES };
 
 size_t mk_alerts_numbers(const mk_scenario_t *s) { return MK_ALERT_COUNTS + (size_t)s->faults * MK_FOUND_COUNT; }
-
-double mk_faults_begin(const mk_scenario_t *s) {
-    double begin = (double)INFINITY;
-    for (int i = 0; i < s->faults; i++) begin = fmin(begin, s->fault[i].from_s);
-    return begin;
-}
-
-double mk_faults_end(const mk_scenario_t *s) {
-    double end = s->faults ? -(double)INFINITY : (double)INFINITY;
-    for (int i = 0; i < s->faults; i++) end = fmax(end, s->fault[i].to_s);
-    return end;
-}
 
 void mk_alerts_open(mk_alerts_t *a, const mk_scenario_t *s, const mk_topology_t *topology, const mk_monitor_settings_t *settings, size_t real_size,
                     int total) {
@@ -80,14 +69,10 @@ static int is_guilty(const mk_alerts_t *a, int k, double t_s) {
     return 0;
 }
 
-static double isolation(const mk_monitor_snapshot_t *snapshot, int slot) {
-    return snapshot->real_size == sizeof(float) ? (double)((const float *)snapshot->isolation)[slot] : ((const double *)snapshot->isolation)[slot];
-}
-
 static int is_largest(const mk_alerts_t *a, int e, int slot) {
     for (int i = a->topology->first[e]; i < a->topology->first[e + 1]; i++)
-        if (isolation(&a->snapshot, i) > isolation(&a->snapshot, slot)) return 0;
-    return isolation(&a->snapshot, slot) > 0.0;
+        if (mk_monitor_isolation(&a->snapshot, i) > mk_monitor_isolation(&a->snapshot, slot)) return 0;
+    return mk_monitor_isolation(&a->snapshot, slot) > 0.0;
 }
 
 static void follow(mk_alerts_t *a, int e, const mk_sensor_fault_t *fault, double t_s, double *times) {
@@ -134,11 +119,6 @@ void mk_alerts_take(mk_alerts_t *a, int t, int begin, int end) {
     }
 }
 
-static int compare(const void *a, const void *b) {
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* Of those that are numbers: how many are finite, the least and the median. Returns how many there are. */
 static double summarise(const mk_alerts_t *a, int total, size_t column, double *sorted, double *finite, double *least, double *median) {
     size_t count = 0;
@@ -151,9 +131,9 @@ static double summarise(const mk_alerts_t *a, int total, size_t column, double *
         *finite += !isinf(value);
     }
     if (count == 0) return 0.0;
-    qsort(sorted, count, sizeof *sorted, compare);
+    mk_sort(sorted, count);
     *least = sorted[0];
-    *median = count % 2 ? sorted[count / 2] : 0.5 * (sorted[count / 2 - 1] + sorted[count / 2]);
+    *median = mk_median(sorted, count);
     return (double)count;
 }
 

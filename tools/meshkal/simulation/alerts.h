@@ -44,9 +44,6 @@ enum {
 
 /* Numbers of a run: MK_ALERT_COUNTS, then MK_FOUND_COUNT for each fault. */
 size_t mk_alerts_numbers(const mk_scenario_t *scenario);
-/* When the first fault begins and the last is over; infinite without faults. */
-double mk_faults_begin(const mk_scenario_t *scenario);
-double mk_faults_end(const mk_scenario_t *scenario);
 
 typedef struct {
     const mk_scenario_t *scenario;

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "error.h"
+#include "simulation/statistics.h"
 
 void mk_record_open(mk_record_t *r, int n, int steps, int estimators, size_t phases, size_t alerts) {
     r->n = n;
@@ -44,14 +45,6 @@ void mk_statistics_close(mk_statistics_t *s) {
     mk_record_close(&s->mean);
     mk_record_close(&s->squares);
     free(s->alert);
-}
-
-void mk_welford(int runs, size_t count, const double *value, double *mean, double *squares) {
-    for (size_t i = 0; i < count; i++) {
-        const double change = value[i] - mean[i];
-        mean[i] += change / runs;
-        squares[i] += change * (value[i] - mean[i]);
-    }
 }
 
 void mk_statistics_add(mk_statistics_t *s, const double *value) {

@@ -28,10 +28,7 @@ enum { MK_BEFORE, MK_DURING, MK_AFTER, MK_PHASES };
 void mk_record_open(mk_record_t *record, int n, int steps, int estimators, size_t phases, size_t alerts);
 void mk_record_close(mk_record_t *record);
 
-/* Run number `runs`, from 1, into means and sums of squared differences from them (Welford): the same bits for the same runs in the same order. */
-void mk_welford(int runs, size_t count, const double *value, double *mean, double *squares);
-
-/* Of mk_welford. */
+/* Of mk_welford: the same bits for the same runs in the same order. */
 typedef struct {
     int runs, room;
     mk_record_t mean, squares;

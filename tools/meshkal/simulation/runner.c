@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "parallel.h"
+#include "scenario_faults.h"
 #include "scenario_read.h"
 #include "signals.h"
 

@@ -6,6 +6,7 @@
 
 #include "csv.h"
 #include "scenario_faults.h"
+#include "simulation/statistics.h"
 #include "tracking/events_parts.h"
 
 /* One line of a file: a row of a reading, or one state of the truth (row 0). */
@@ -21,11 +22,6 @@ static int compare_entry(const void *a, const void *b) {
     if (x->id != y->id) return x->id < y->id ? -1 : 1;
     if (x->row != y->row) return x->row < y->row ? -1 : 1;
     return (x->line > y->line) - (x->line < y->line);
-}
-
-static int compare_real(const void *a, const void *b) {
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
 }
 
 /* Sorts by time, node and row; most logs are sorted already. Lines that are there twice are left out and counted; another value for one place is
@@ -119,8 +115,8 @@ static double median_interval(const entry_t *entry, size_t count) {
     size_t intervals = 0;
     for (size_t i = 1; i < count; i++)
         if (entry[i].t != entry[i - 1].t) interval[intervals++] = entry[i].t - entry[i - 1].t;
-    qsort(interval, intervals, sizeof *interval, compare_real);
-    if (intervals > 0) median = intervals % 2 ? interval[intervals / 2] : 0.5 * (interval[intervals / 2 - 1] + interval[intervals / 2]);
+    mk_sort(interval, intervals);
+    if (intervals > 0) median = mk_median(interval, intervals);
     free(interval);
     return median;
 }

@@ -9,6 +9,7 @@
 #include "process.h"
 #include "signals.h"
 #include "simulation/ordered_runs.h"
+#include "simulation/statistics.h"
 #include "tracking/track_log.h"
 
 /* What a thread needs. */
@@ -151,17 +152,6 @@ static void take(void *context, int slot, int run) {
     r->seconds[run] = outcome->seconds / (double)outcome->record.steps;
 }
 
-static int compare(const void *a, const void *b) {
-    const double x = *(const double *)a, y = *(const double *)b;
-    return x < y ? -1 : x > y;
-}
-
-static double median(double *values, int count) {
-    if (count == 0) return (double)NAN;
-    qsort(values, (size_t)count, sizeof *values, compare);
-    return count % 2 ? values[count / 2] : 0.5 * (values[count / 2 - 1] + values[count / 2]);
-}
-
 /* The object of each thread. 1, or 0 and an error. */
 static int open_workers(running_t *r) {
     const mk_track_campaign_t *const c = r->c;
@@ -223,7 +213,8 @@ int mk_track_campaign_run(const mk_track_campaign_t *c, mk_track_result_t *resul
                                     .log_path = c->log_path, .context = &r, .header = put_header, .run = run_one, .take = take};
     mk_ordered_runs_plan(&r.ordered);
     const int status = open_workers(&r) ? mk_ordered_runs(&r.ordered, &result->interrupted, error) : MK_EXIT_INPUT;
-    result->step_seconds = median(r.seconds, result->statistics.runs);
+    mk_sort(r.seconds, (size_t)result->statistics.runs);
+    result->step_seconds = mk_median(r.seconds, (size_t)result->statistics.runs);
     close_workers(&r);
     if (central) mk_central_free(&r.setting.topology);
     free(r.seconds);

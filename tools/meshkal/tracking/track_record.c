@@ -4,11 +4,10 @@
 
 #include <math.h>
 #include <meshkal/kernels.h>
-#include <meshkal/quantile.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "simulation/record.h"
+#include "simulation/statistics.h"
 
 void mk_track_record_open(mk_track_record_t *r, long steps, int estimators) {
     const size_t T = (size_t)steps, E = (size_t)estimators;
@@ -48,11 +47,6 @@ void mk_track_statistics_add(mk_track_statistics_t *s, const double *value) {
     mk_welford(++s->runs, s->mean.count, value, s->mean.value, s->squares.value);
     for (size_t i = 0; i < s->mean.count; i++)
         if (s->runs == 1 || value[i] > s->largest.value[i]) s->largest.value[i] = value[i];
-}
-
-double mk_track_half_width(const mk_track_statistics_t *s, double squares) {
-    if (s->runs < 2) return (double)NAN;
-    return mk_student_quantile(0.025, s->runs - 1.0) * sqrt(squares / (s->runs - 1.0) / s->runs);
 }
 
 /* d' P^-1 d of the states in the set; NaN if there are none, P is not positive definite, or d not known. work: 2 packed n. d is overwritten. */

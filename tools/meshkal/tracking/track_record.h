@@ -47,8 +47,6 @@ typedef struct {
 void mk_track_statistics_open(mk_track_statistics_t *statistics, long steps, int estimators);
 void mk_track_statistics_close(mk_track_statistics_t *statistics);
 void mk_track_statistics_add(mk_track_statistics_t *statistics, const double *value);
-/* Half-width of the 95 % confidence interval of a mean (Student); NaN for fewer than two runs. */
-double mk_track_half_width(const mk_track_statistics_t *statistics, double squares);
 
 /* What a step says of its errors. Disagreement: the largest distance between the positions of two estimators. */
 typedef struct {

@@ -8,6 +8,7 @@
 #include "json_out.h"
 #include "process.h"
 #include "report_cells.h"
+#include "simulation/statistics.h"
 
 /* Of a filter: what is made of its records. */
 typedef struct {
@@ -46,8 +47,8 @@ static figures_t figures_of(const mk_track_campaign_t *c, const mk_track_result_
     long inside = 0, known = 0;
     f.position = sqrt(mean->single[MK_TRACK_POSITION]);
     f.velocity = sqrt(mean->single[MK_TRACK_VELOCITY]);
-    f.position_half = mk_track_half_width(s, s->squares.single[MK_TRACK_POSITION]) / (2.0 * f.position);
-    f.velocity_half = mk_track_half_width(s, s->squares.single[MK_TRACK_VELOCITY]) / (2.0 * f.velocity);
+    f.position_half = mk_half_width(s->runs, s->squares.single[MK_TRACK_POSITION]) / (2.0 * f.position);
+    f.velocity_half = mk_half_width(s->runs, s->squares.single[MK_TRACK_VELOCITY]) / (2.0 * f.velocity);
     f.position_all = sqrt(over_time(mean->position, 0, T, NULL));
     f.velocity_all = sqrt(over_time(mean->velocity, 0, T, NULL));
     f.log_position = over_time(mean->position, 0, T, log);
