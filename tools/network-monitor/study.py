@@ -12,8 +12,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import cbor2
 import numpy as np
+from meshkal_rerun.reader import LogReader
 from scipy import stats
 
 NODES, SEED = 16, 1           # a monitor takes 32 rows: the largest network of which a centre can watch all
@@ -23,7 +23,6 @@ NODE, ROW = 4, 0              # the sensor with the ramp: noise of 1.06 m, the b
 FROM_S, TO_S, END_S = 20.0, 40.0, 60.0
 SETTLED = 200
 RUN_STEPS = 2500              # of a run that counts false alarms
-TYPES = {86: "<f8", 85: "<f4", 70: "<u4", 64: "u1"}
 
 
 class StudyError(Exception):
@@ -60,26 +59,23 @@ class Study:
         self.run("simulate", scenario, *options, "--json", path)
         return json.loads(path.read_text())["filters"][0]
 
-    def log(self, *options: object) -> list[dict]:
+    def log(self, keys: list[str], *options: object) -> list[np.ndarray]:
+        """Quantities of a run, steps first, once it has settled."""
         path = self.out / "law.cbor"
         self.run("simulate", self.network, *options, "--out", path)
         with path.open("rb") as stream:
-            cbor2.load(stream)
-            items = []
-            while "end" not in (item := cbor2.load(stream, tag_hook=lambda _, tag: np.frombuffer(tag.value, TYPES[tag.tag]))):
-                items.append(item)
+            batches = list(LogReader(stream).batches(0))
         path.unlink()
-        return items[SETTLED:]
+        return [np.concatenate([getattr(batch, key) for batch in batches])[SETTLED:] for key in keys]
 
 
 def law(study: Study, steps: int) -> list[dict]:
     """How far the statistics are from chi-square: mean over degrees, and the distance of Kolmogorov and Smirnov."""
     table = []
     for name in FILTERS:
-        items = study.log("--filter", name, "--steps", steps, "--monitor", "aime")
-        for statistic, apart in (("rctm", 1), ("aime", 10)):
-            q = np.array([item[f"monitor_{statistic}"] for item in items])
-            rows = np.array([item[f"monitor_{statistic}_rows"] for item in items])
+        keys = [f"monitor_{statistic}{of}" for statistic in ("rctm", "aime") for of in ("", "_rows")]
+        found = study.log(keys, "--filter", name, "--steps", steps, "--monitor", "aime")
+        for (statistic, apart), q, rows in zip((("rctm", 1), ("aime", 10)), found[::2], found[1::2], strict=True):
             upper = stats.chi2.sf(q, rows)[::apart]  # epochs without common window
             distance = [stats.kstest(node, "uniform") for node in upper.T]
             table.append({"filter": name, "statistic": statistic, "ratio": (q.mean(0) / rows.mean(0)).tolist(),

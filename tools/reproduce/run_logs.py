@@ -10,7 +10,7 @@ import cbor2
 import numpy as np
 import rerun as rr
 from meshkal_rerun.cli import convert_joined
-from meshkal_rerun.reader import LogError, LogReader
+from meshkal_rerun.reader import ARRAY_DTYPES, LogError, LogReader
 from program import ReproduceError
 
 
@@ -27,17 +27,13 @@ def over_time(path: Path, key: str) -> np.ndarray:
     return values
 
 
-# RFC 8746 tags of the log's number arrays.
-_DTYPES = {64: "u1", 70: "<u4", 85: "<f4", 86: "<f8"}
-
-
 def every_run(stream: BinaryIO, keys: Iterable[str]) -> dict[str, np.ndarray]:
     """Quantities of all runs, (runs, steps, length); those that the log has. Whether it ends, and nothing else, is checked."""
     decoder = cbor2.CBORDecoder(stream)
     try:
         header, item = decoder.decode(), decoder.decode()
         wanted = [key for key in keys if key in item]
-        dtypes = {key: _DTYPES[item[key].tag] for key in wanted}
+        dtypes = {key: ARRAY_DTYPES[item[key].tag] for key in wanted}
         parts = {key: [] for key in wanted}
         while "end" not in item:
             for key in wanted:

@@ -20,7 +20,7 @@ BATCH_BYTES = 64 << 20
 BATCH_STEPS = 4096
 
 # RFC 8746 tags of the little-endian arrays that the format uses.
-_ARRAY_DTYPES = {64: np.dtype("u1"), 70: np.dtype("<u4"), 85: np.dtype("<f4"), 86: np.dtype("<f8")}
+ARRAY_DTYPES = {64: np.dtype("u1"), 70: np.dtype("<u4"), 85: np.dtype("<f4"), 86: np.dtype("<f8")}
 _MAP_MAJOR_TYPE = 5
 
 
@@ -138,7 +138,7 @@ class LogReader:
 def _array(*arguments: object) -> object:
     # cbor2 calls with (decoder, tag) up to version 5, and with (tag, immutable) from version 6.
     tag = next(argument for argument in arguments if isinstance(argument, cbor2.CBORTag))
-    dtype = _ARRAY_DTYPES.get(tag.tag)
+    dtype = ARRAY_DTYPES.get(tag.tag)
     if dtype is None or not isinstance(tag.value, bytes):
         return tag
     return np.frombuffer(tag.value, dtype)
