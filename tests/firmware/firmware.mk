@@ -131,7 +131,7 @@ $(call FIRMWARE_VECTORS,weighted,tests/firmware/vectors_weighted.c)
 
 # A network whose nodes all run in one image: headers of meshkal design, readings and losses of meshkal simulate.
 define FIRMWARE_NETWORK
-$(FIRMWARE)/network-f$(1)/network_data.h: tests/firmware/network_data.py tests/firmware/firmware.mk tools/rerun/meshkal_rerun/reader.py $(PROGRAM)
+$(FIRMWARE)/network-f$(1)/network_data.h: tests/firmware/network_data.py tests/firmware/firmware.mk tools/rerun/meshkal_log/reader.py $(PROGRAM)
 	@mkdir -p $$(@D)
 	@$(PROGRAM) scenario projectile --nodes 6 --seed 3 > $$(@D)/scenario.json
 	@$(PROGRAM) design $$(@D)/scenario.json --c-header $$(@D) --real float$(1) > $$(@D)/design.txt

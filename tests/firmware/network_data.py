@@ -4,7 +4,7 @@
 import sys
 
 import numpy as np
-from meshkal_rerun.reader import LogReader
+from meshkal_log.reader import LogReader
 
 
 def main(log: str, header: str) -> None:

@@ -15,7 +15,7 @@ import pytest
 from readback import PACKAGE, Recording, command, convert
 from synthetic import Log, typed
 
-from meshkal_rerun.reader import LogError, LogReader
+from meshkal_log.reader import LogError, LogReader
 
 
 def read(data: bytes, run: int = 0):

@@ -244,7 +244,7 @@ def test_alarms_that_flicker_and_last(tmp_path):
 
 
 def test_batches_do_not_matter(tmp_path, monkeypatch):
-    from meshkal_rerun import reader
+    from meshkal_log import reader
 
     def said() -> tuple:
         log = add_monitor(Log(nodes=6, steps=STEPS), "exclude")
@@ -281,7 +281,7 @@ def test_without_a_monitor_nothing_of_it(tmp_path, make):
     (lambda log: log.arrays.update(excluded=log.arrays["excluded"][..., :-1]), "excluded has 29 numbers instead of 30"),
 ])
 def test_what_is_wrong_is_named(tmp_path, change, message):
-    from meshkal_rerun.reader import LogError
+    from meshkal_log.reader import LogError
 
     log = add_monitor(Log(nodes=6, steps=STEPS), "exclude")
     change(log)

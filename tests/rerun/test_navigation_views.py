@@ -197,7 +197,7 @@ def test_kinds_are_not_mixed(tmp_path):
     (lambda log: log.arrays["time_s"].__setitem__((0, 3, 0), np.nan), "time_s is not finite"),
 ])
 def test_what_is_wrong_is_named(tmp_path, change, message):
-    from meshkal_rerun.reader import LogError
+    from meshkal_log.reader import LogError
 
     log = NavigationLog()
     log.arrays["time_s"] = log.arrays["time_s"].copy()

@@ -158,7 +158,7 @@ def test_the_run_that_was_asked_for(tmp_path):
 
 
 def test_batches_join_without_a_seam(tmp_path, monkeypatch):
-    from meshkal_rerun import reader
+    from meshkal_log import reader
 
     monkeypatch.setattr(reader, "BATCH_STEPS", 7)
     log = Log(nodes=3, steps=20)

@@ -47,7 +47,7 @@ def test_a_repeated_header_is_left_out(tmp_path):
 
 @pytest.mark.parametrize("nodes", [[3, 1], [1, 1], [1], [1, 5], [1, -1], "no"])
 def test_wrong_nodes(tmp_path, nodes):
-    from meshkal_rerun.reader import LogError
+    from meshkal_log.reader import LogError
 
     log = some(Log(nodes=5))
     log.header["estimator_nodes"] = nodes

@@ -28,7 +28,7 @@ def small(**options) -> TrackingLog:
 
 
 def test_every_cut_reads_up_to_the_cut():
-    from meshkal_rerun.reader import LogError, LogReader
+    from meshkal_log.reader import LogError, LogReader
 
     items = small().items()
     data, ends = b"".join(items), np.cumsum([len(item) for item in items])

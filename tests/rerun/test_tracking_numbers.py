@@ -46,7 +46,7 @@ def test_position_error_and_nees(made):
 
 @pytest.mark.parametrize("degrees", [*range(1, 13), 63, 64])
 def test_band_of_any_number_of_states(degrees):
-    from meshkal_rerun.tracking_numbers import nees_band
+    from meshkal_rerun.numbers.tracking import nees_band
 
     np.testing.assert_allclose(nees_band(degrees), chi2.ppf([0.025, 0.975], degrees), rtol=1e-11)
 
@@ -160,7 +160,7 @@ def test_disagreement_and_consensus(made):
 
 
 def test_iterations_that_are_drawn():
-    from meshkal_rerun.tracking_recording import shown_iterations
+    from meshkal_rerun.recording.tracking import shown_iterations
 
     assert shown_iterations(0) == [0]
     assert shown_iterations(1) == [0, 1]
@@ -208,7 +208,7 @@ def test_summary_tells_the_facts(made):
 
 
 def test_batches_join_without_a_seam(made, tmp_path, monkeypatch):
-    from meshkal_rerun import reader
+    from meshkal_log import reader
 
     log, whole = made
     monkeypatch.setattr(reader, "BATCH_STEPS", 7)
@@ -274,7 +274,7 @@ def test_times_of_day(tmp_path):
 @pytest.mark.parametrize("batch", [3, 4096])
 def test_recorded_sensors_that_take_turns_hold_their_state(tmp_path, monkeypatch, batch):
     """Node 0 measures at every second instant, then is silent; node 1 at the others."""
-    from meshkal_rerun import reader
+    from meshkal_log import reader
 
     log = TrackingLog(steps=20, filter="ukf", sensors=("range", "range"), truth=False)
     measuring = np.zeros((1, 20, 2), dtype=int)

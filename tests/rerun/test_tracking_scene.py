@@ -197,9 +197,9 @@ def test_many_nodes_are_quick_and_summed_up(tmp_path):
 @pytest.mark.parametrize("truth", [True, False])
 def test_all_sensors_are_in_sight(truth):
     """However many instants there are."""
-    from meshkal_rerun.reader import LogReader
-    from meshkal_rerun.scenario import parse_scenario
-    from meshkal_rerun.scene import viewpoint
+    from meshkal_log.reader import LogReader
+    from meshkal_log.scenario import parse_scenario
+    from meshkal_rerun.recording.scene import viewpoint
 
     log = TrackingLog(sensors=("range",) * 4, steps=900, truth=truth, filter="ukf")
     log.scenario["nodes"][0]["position_m"] = [-500.0, 50.0]

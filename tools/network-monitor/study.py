@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from meshkal_rerun.reader import LogReader
+from meshkal_log.reader import LogReader
 from scipy import stats
 
 NODES, SEED = 16, 1           # a monitor takes 32 rows: the largest network of which a centre can watch all

@@ -10,7 +10,7 @@ import cbor2
 import numpy as np
 import rerun as rr
 from meshkal_rerun.cli import convert_joined
-from meshkal_rerun.reader import ARRAY_DTYPES, LogError, LogReader
+from meshkal_log.reader import ARRAY_DTYPES, LogError, LogReader
 from program import ReproduceError
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from meshkal_rerun import colours
-from meshkal_rerun.output import recording_file
+from meshkal_rerun.recording import colours
+from meshkal_rerun.recording.output import recording_file
 
 from .draws import FILTERS, HORIZON, Draw
 from .networks import mean_degree

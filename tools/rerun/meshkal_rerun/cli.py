@@ -12,13 +12,13 @@ from typing import BinaryIO
 
 import rerun as rr
 
-from . import comparison
-from .blueprint import blueprint
-from .joined import JoinedReader
-from .output import recording_file
-from .reader import LogError, LogReader
-from .recording import Recorder, recording_id
-from .scenario import parse_scenario
+from meshkal_log.joined import JoinedReader
+from meshkal_log.reader import LogError, LogReader
+from meshkal_log.scenario import parse_scenario
+from .recording import comparison
+from .recording.output import recording_file
+from .recording.recorder import Recorder, recording_id
+from .views.blueprint import blueprint
 
 PROGRAM = "meshkal-rerun"
 EXIT_BAD = 2

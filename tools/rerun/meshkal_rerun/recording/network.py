@@ -4,9 +4,10 @@
 import numpy as np
 import rerun as rr
 
-from . import colours, derive
-from .fields import Batch, Header
-from .scenario import Scenario
+from meshkal_log.fields import Batch, Header
+from meshkal_log.scenario import Scenario
+from ..numbers import derive
+from . import colours
 from .series import Clock
 
 NODES = "network/nodes"

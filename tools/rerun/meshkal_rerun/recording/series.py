@@ -4,8 +4,8 @@
 import numpy as np
 import rerun as rr
 
-from .fields import Batch, Header
-from .reader import LogError
+from meshkal_log.fields import Batch, Header
+from meshkal_log.reader import LogError
 
 _LARGEST_NS = (1 << 63) - 1
 # A log that starts later, in 2001, is taken to count from 1970, and its times are shown as date and time of day, UTC.

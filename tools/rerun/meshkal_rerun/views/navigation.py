@@ -3,14 +3,16 @@
 
 import rerun.blueprint as rrb
 
-from . import colours, integrity_blueprint, views
-from . import tracking_numbers as numbers
-from .fields import Batch, Header
-from .navigation_numbers import GROUPS
-from .navigation_recording import SIGMAS
-from .scenario import Scenario
-from .sky import EXTENT
-from .views import LEGEND_NODES, plot, series, text_log
+from meshkal_log.fields import Batch, Header
+from meshkal_log.scenario import Scenario
+from ..numbers import tracking as numbers
+from ..numbers.navigation import GROUPS
+from ..recording import colours
+from ..recording.navigation import SIGMAS
+from ..recording.sky import EXTENT
+from . import integrity as integrity_blueprint
+from . import parts as views
+from .parts import LEGEND_NODES, plot, series, text_log
 
 
 def front(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...]) -> list:

@@ -4,9 +4,10 @@
 import numpy as np
 import rerun as rr
 
-from . import colours, derive
-from . import tracking_numbers as numbers
-from .fields import Batch, Decision, Header
+from meshkal_log.fields import Batch, Decision, Header
+from ..numbers import derive
+from ..numbers import tracking as numbers
+from . import colours
 from .series import Clock, Series
 
 # Above this many slots that are heard, only the largest test ratio of each step is drawn.

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import cbor2
 import numpy as np
 
-from .fields import CENTRAL, DISTRIBUTED, LINEAR, MONITORS, NAVIGATION, NAVIGATION_STATES, TRACKING
 from .fields import Batch, Decision, Header, lengths, optional
+from .fields import CENTRAL, DISTRIBUTED, LINEAR, MONITORS, NAVIGATION, NAVIGATION_STATES, TRACKING
 
 FORMAT = "meshkal-log"
 FORMAT_VERSION = 1

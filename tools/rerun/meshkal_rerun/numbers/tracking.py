@@ -5,9 +5,9 @@ import math
 
 import numpy as np
 
+from meshkal_log.fields import Batch, Decision, Header
+from meshkal_log.scenario import Scenario
 from . import derive
-from .fields import Batch, Decision, Header
-from .scenario import Scenario
 
 BAND = 0.95
 # What a picture shows of a reading that several estimators heard: the worst that became of it. It is lost if nobody got it.

@@ -7,9 +7,9 @@ from enum import Enum
 
 import numpy as np
 
+from meshkal_log.fields import Batch, Header
 from . import derive
-from .fields import Batch, Header
-from .tracking_numbers import Slots, chi_square_upper_quantile
+from .tracking import Slots, chi_square_upper_quantile
 
 # Statistics with a name, as tests of them are called.
 STATISTICS = {"rctm": "RCTM", "aime": "AIME"}

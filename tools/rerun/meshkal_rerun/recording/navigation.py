@@ -4,15 +4,16 @@
 import numpy as np
 import rerun as rr
 
-from . import colours, derive
-from . import navigation_numbers as numbers
-from .fields import Batch, Header
-from .navigation_numbers import GROUPS
-from .scenario import NAVIGATION_POSITION, Scenario, positions_of
+from meshkal_log.fields import Batch, Header
+from meshkal_log.scenario import NAVIGATION_POSITION, Scenario, positions_of
+from ..numbers import derive
+from ..numbers import navigation as numbers
+from ..numbers.navigation import GROUPS
+from ..numbers.tracking import BAND, nees_band
+from . import colours
 from .scene import Scene, send_trail
 from .series import Clock, Series
 from .sky import Sky
-from .tracking_numbers import BAND, nees_band
 
 SIGMAS = 3.0
 

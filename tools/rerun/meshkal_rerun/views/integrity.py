@@ -3,11 +3,11 @@
 
 import rerun.blueprint as rrb
 
-from .fields import Batch, Header
-from .integrity import STATISTICS, tested
-from .integrity_recording import DRAWN_ESTIMATORS, DRAWN_SLOTS, LANES
-from .tracking_numbers import Slots
-from .views import LEGEND_NODES, TIME_AXIS, series, text_log
+from meshkal_log.fields import Batch, Header
+from ..numbers.integrity import STATISTICS, tested
+from ..numbers.tracking import Slots
+from ..recording.integrity import DRAWN_ESTIMATORS, DRAWN_SLOTS, LANES
+from .parts import LEGEND_NODES, TIME_AXIS, series, text_log
 
 # What is far above its threshold says no more than what is just above.
 _RATIO_AXIS = rrb.ScalarAxis(range=(0.0, 2.2))

@@ -4,9 +4,10 @@
 import numpy as np
 import rerun as rr
 
-from . import colours, integrity
-from .fields import Batch, Header
-from .navigation_numbers import sky
+from meshkal_log.fields import Batch, Header
+from ..numbers import integrity
+from ..numbers.navigation import sky
+from . import colours
 from .series import Clock
 
 RINGS_DEG = (0, 30, 60)

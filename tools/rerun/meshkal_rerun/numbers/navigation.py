@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from meshkal_log.fields import Batch
+from meshkal_log.scenario import NAVIGATION_POSITION, Scenario
 from . import derive
-from . import tracking_numbers as numbers
-from .fields import Batch
-from .scenario import NAVIGATION_POSITION, Scenario
+from . import tracking as numbers
 
 _DEGREES_AN_HOUR = np.rad2deg(1.0) * 3600.0
 _MICRO_G = 1e6 / 9.80665

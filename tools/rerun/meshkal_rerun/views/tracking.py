@@ -4,12 +4,12 @@
 import numpy as np
 import rerun.blueprint as rrb
 
-from . import colours
-from . import tracking_numbers as numbers
-from .fields import Batch, Header
-from .scenario import Scenario
-from .tracking_recording import DRAWN_SLOTS
-from .views import TIME_AXIS, plot, scene, series, states, text_log
+from meshkal_log.fields import Batch, Header
+from meshkal_log.scenario import Scenario
+from ..numbers import tracking as numbers
+from ..recording import colours
+from ..recording.tracking import DRAWN_SLOTS
+from .parts import TIME_AXIS, plot, scene, series, states, text_log
 
 # One lane each; more would be too thin to read.
 LANES = 40

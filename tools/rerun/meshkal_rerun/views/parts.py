@@ -4,9 +4,9 @@
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn
 
-from .fields import Batch, Header
-from .scenario import Scenario
-from .scene import ELLIPSOIDS, viewpoint
+from meshkal_log.fields import Batch, Header
+from meshkal_log.scenario import Scenario
+from ..recording.scene import ELLIPSOIDS, viewpoint
 
 # The viewer draws a hundred lines in a plot at ease, and a thousand not.
 DRAWN_NODES = 100

@@ -3,9 +3,9 @@
 
 import numpy as np
 
-from . import integrity
-from .fields import Batch, Header
-from .integrity import Event, Kind
+from meshkal_log.fields import Batch, Header
+from ..numbers import integrity
+from ..numbers.integrity import Event, Kind
 
 _MOST = 4
 

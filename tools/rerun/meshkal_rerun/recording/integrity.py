@@ -4,12 +4,14 @@
 import numpy as np
 import rerun as rr
 
-from . import colours, derive, integrity
-from .fields import Batch, Header
-from .integrity import STATISTICS, Event, Kind, Share
-from .scenario import Scenario
+from meshkal_log.fields import Batch, Header
+from meshkal_log.scenario import Scenario
+from ..numbers import derive
+from ..numbers import integrity
+from ..numbers.integrity import STATISTICS, Event, Kind, Share
+from ..numbers.tracking import Slots
+from . import colours
 from .series import Clock, Series
-from .tracking_numbers import Slots
 
 # Above this many slots that are heard, or estimators, only sums of them are drawn; the viewer draws a hundred lines at ease, and a thousand not.
 DRAWN_SLOTS = DRAWN_ESTIMATORS = 100

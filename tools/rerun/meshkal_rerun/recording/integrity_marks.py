@@ -4,11 +4,12 @@
 import numpy as np
 import rerun as rr
 
-from . import colours, integrity
-from .fields import Batch, Header
-from .integrity import Share
+from meshkal_log.fields import Batch, Header
+from meshkal_log.scenario import Scenario
+from ..numbers import integrity
+from ..numbers.integrity import Share
+from . import colours
 from .network import ABOVE, graph_positions
-from .scenario import Scenario
 from .series import Clock
 
 GRAPH = "network/held_faulty"

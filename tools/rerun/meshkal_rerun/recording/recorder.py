@@ -7,21 +7,24 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
-from . import colours, derive, navigation_numbers, tracking_numbers
-from .integrity import Story
+from meshkal_log.fields import LINEAR, NAVIGATION, TRACKING, Batch, Header
+from meshkal_log.scenario import Scenario
+from ..numbers import derive
+from ..numbers import navigation as navigation_numbers
+from ..numbers import tracking as tracking_numbers
+from ..numbers.integrity import Story
+from ..summary.linear import Summary
+from ..summary.navigation import NavigationSummary
+from ..summary.tracking import TrackingSummary
+from . import colours
+from .integrity import IntegrityRecorder
 from .integrity_marks import IntegrityMarks
-from .integrity_recording import IntegrityRecorder
-from .navigation_recording import NavigationRecorder, NavigationScene
-from .navigation_summary import NavigationSummary
+from .navigation import NavigationRecorder, NavigationScene
 from .network import NetworkGraph
-from .fields import LINEAR, NAVIGATION, TRACKING, Batch, Header
-from .scenario import Scenario
 from .scene import Scene
 from .series import Clock, Series
-from .summary import Summary
-from .tracking_recording import TrackingRecorder
+from .tracking import TrackingRecorder
 from .tracking_scene import TrackingScene
-from .tracking_summary import TrackingSummary
 
 # The bits of meshkal/rkfd.h.
 _FAULTS = {0: "measurement missing", 1: "estimate missing", 2: "input refused", 3: "no measurement at all"}

@@ -3,12 +3,12 @@
 
 import numpy as np
 
-from . import navigation_numbers as numbers
-from .fields import Batch, Decision, Header
-from .navigation_numbers import GROUPS
-from .scenario import Scenario
-from .summary import Summary
-from .tracking_numbers import nees_band
+from meshkal_log.fields import Batch, Decision, Header
+from meshkal_log.scenario import Scenario
+from ..numbers import navigation as numbers
+from ..numbers.navigation import GROUPS
+from ..numbers.tracking import nees_band
+from .linear import Summary
 
 _FILTER_NAMES = {
     "ekf": "tightly coupled GNSS/INS, extended Kalman filter",

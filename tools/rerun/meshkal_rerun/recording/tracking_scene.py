@@ -5,12 +5,12 @@ links carried a message."""
 import numpy as np
 import rerun as rr
 
+from meshkal_log.fields import Batch, Decision, Header
+from meshkal_log.scenario import Scenario, positions_of
+from ..numbers import tracking as numbers
 from . import colours
-from . import tracking_numbers as numbers
-from .fields import Batch, Decision, Header
-from .scenario import Scenario, positions_of
 from .scene import ELLIPSOIDS, Scene, send_trail
-from .tracking_recording import STATES
+from .tracking import STATES
 
 LIMITS = "scene/range_limits"
 _RING_POINTS = 73

@@ -4,11 +4,12 @@
 import numpy as np
 import rerun as rr
 
-from . import colours, derive
-from . import tracking_numbers as numbers
-from .fields import Batch
-from .reader import LogError, LogReader
-from .scenario import Scenario, positions_of
+from meshkal_log.fields import Batch
+from meshkal_log.reader import LogError, LogReader
+from meshkal_log.scenario import Scenario, positions_of
+from ..numbers import derive
+from ..numbers import tracking as numbers
+from . import colours
 from .scene import send_trail
 from .series import Clock, Series
 

@@ -3,11 +3,14 @@
 
 import rerun.blueprint as rrb
 
-from . import integrity_blueprint, navigation_blueprint, tracking_blueprint, views
-from .fields import Batch, Header
-from .scenario import Scenario
-from .series import seconds_timeline
-from .views import DRAWN_NODES, plot
+from meshkal_log.fields import Batch, Header
+from meshkal_log.scenario import Scenario
+from ..recording.series import seconds_timeline
+from . import integrity as integrity_blueprint
+from . import navigation as navigation_blueprint
+from . import parts as views
+from . import tracking as tracking_blueprint
+from .parts import DRAWN_NODES, plot
 
 
 def blueprint(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...] = ()) -> rrb.Blueprint:

@@ -3,10 +3,10 @@
 
 import numpy as np
 
-from . import tracking_numbers as numbers
-from .fields import Batch, Decision, Header
-from .scenario import Scenario
-from .summary import Summary, db, table
+from meshkal_log.fields import Batch, Decision, Header
+from meshkal_log.scenario import Scenario
+from ..numbers import tracking as numbers
+from .linear import Summary, db
 
 _FILTER_NAMES = {
     "ekf": "central extended Kalman filter",

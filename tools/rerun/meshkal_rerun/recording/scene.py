@@ -4,9 +4,9 @@
 import numpy as np
 import rerun as rr
 
+from meshkal_log.fields import Batch, Header
+from meshkal_log.scenario import Scenario, positions_of
 from . import colours
-from .fields import Batch, Header
-from .scenario import Scenario, positions_of
 
 TRAIL_STEPS = 60
 

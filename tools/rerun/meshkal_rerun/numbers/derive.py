@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 
-from .fields import Batch, Header
+from meshkal_log.fields import Batch, Header
 
 
 def decibels(values: np.ndarray) -> np.ndarray:

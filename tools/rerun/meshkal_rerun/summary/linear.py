@@ -3,10 +3,10 @@
 
 import numpy as np
 
-from . import derive
-from .fields import Batch, Header
-from .integrity_summary import IntegritySummary
-from .scenario import Scenario
+from meshkal_log.fields import Batch, Header
+from meshkal_log.scenario import Scenario
+from ..numbers import derive
+from .integrity import IntegritySummary
 
 _FILTER_NAMES = {
     "kfc": "central Kalman filter",

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Reads Meshkal run logs (port/host/log-format.md)."""
