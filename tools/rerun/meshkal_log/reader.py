@@ -317,11 +317,14 @@ def check_arrays(item: dict, lengths: dict[str, tuple[np.dtype, int]], optional:
 
 
 def check_times(item: dict, header: Header, where: str) -> None:
-    """Raises LogError if the item's time is none, or a decision is unknown."""
-    if not header.timed:
-        if not item["step"] * header.dt_s < _LARGEST_TIME_S:
-            raise LogError(f"{where}: step {item['step']} with dt_s = {header.dt_s:g} is beyond the clock (292 years)")
-        return
+    """Raises LogError if the item's time is none, or a decision of a log that has times is unknown."""
+    if header.timed:
+        _check_timed(item, where)
+    elif not item["step"] * header.dt_s < _LARGEST_TIME_S:
+        raise LogError(f"{where}: step {item['step']} with dt_s = {header.dt_s:g} is beyond the clock (292 years)")
+
+
+def _check_timed(item: dict, where: str) -> None:
     time_s = float(item["time_s"][0])
     if not np.isfinite(time_s):
         raise LogError(f"{where}: time_s is not finite")

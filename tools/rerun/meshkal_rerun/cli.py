@@ -95,7 +95,7 @@ def told(done: "Converted", shown: str, name: str, interrupts: Interrupts) -> in
         say(f"{shown}: {damage}; {name} holds {done.holds}")
     if done.stopped:
         of = f" of {done.asked}" if done.asked else ""
-        say(f"{shown}: stopped by {interrupts.name} at step {done.steps[1]}{of}: {name} holds {done.holds}")
+        say(f"{shown}: stopped by {done.stopped} at step {done.steps[1]}{of}: {name} holds {done.holds}")
         return interrupts.exit_status
     return EXIT_PART if done.damage else 0
 

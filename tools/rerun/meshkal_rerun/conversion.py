@@ -10,13 +10,16 @@ from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
+import rerun as rr
+import rerun.blueprint as rrb
+
 from meshkal_log.fields import Batch, Header
 from meshkal_log.joined import JoinedReader
 from meshkal_log.reader import LogError, LogReader
 from meshkal_log.scenario import Scenario, parse_scenario
 
 from .interrupts import Interrupts
-from .numbers.survey import focus, survey
+from .numbers.survey import Survey, focus, survey
 from .progress import Progress
 from .recording import begun, comparison
 from .recording.output import recording_file
@@ -41,7 +44,7 @@ class Converted:
     damage: list[str]  # where logs are damaged, if they are
     steps: tuple[int, int] | None  # the first and the last that the recording has
     asked: int  # steps that the run should have, 0 where nobody said
-    stopped: bool  # by a signal, before all was read
+    stopped: str | None  # by which signal, before all was read
 
     @property
     def holds(self) -> str:
@@ -55,7 +58,7 @@ class Logs:
     """Logs by their names, that can be read from their beginnings again. Input that cannot go back is kept in a temporary file."""
 
     def __init__(self, streams: dict[str, BinaryIO], keep: ExitStack, interrupts: Interrupts | None = None) -> None:
-        self._interrupts = interrupts or Interrupts()
+        self._interrupts = interrupts or Interrupts()  # never entered: none comes
         self._streams = {name: stream if stream.seekable() else self._kept(name, stream, keep) for name, stream in streams.items()}
         # Who writes into the pipe has ended.
         self._interrupts.spare = False
@@ -63,6 +66,10 @@ class Logs:
         # A signal that ended the input lets what came be read.
         self._limit = math.inf if self._interrupts.came else None
         self._keep, self._progress = keep, None
+
+    @property
+    def stopped_by(self) -> str | None:
+        return self._interrupts.name if self._interrupts.came else None
 
     def open(self) -> tuple[LogReader, list[tuple[str, str, LogReader]]]:
         """The log that is shown, and names, labels and logs of those that it is compared with."""
@@ -110,60 +117,83 @@ class Logs:
         return open(kept.fileno(), "rb", closefd=False)
 
 
-def convert(
-    streams: dict[str, BinaryIO],
-    output: Path | Callable[..., AbstractContextManager],
-    wanted: Wanted,
-    interrupts: Interrupts | None = None,
-) -> Converted:
+@dataclass(frozen=True)
+class Plan:
+    """What a first reading of logs found, for the second one."""
+
+    header: Header
+    scenario: Scenario
+    found: Survey
+    named: tuple[int, ...]  # nodes
+    compared: tuple[str, ...]  # labels of other logs
+
+
+Into = Path | Callable[[str, rrb.Blueprint], AbstractContextManager[rr.RecordingStream]]
+
+
+def convert(streams: dict[str, BinaryIO], output: Into, wanted: Wanted, interrupts: Interrupts | None = None) -> Converted:
     """Writes the recording of one run. Several logs: those of nodes of one network; or of filters for tracking or navigation, the first of which is
-    shown and the others are compared with it. output: a file, or what makes a stream from an id and a blueprint. Raises LogError or OSError and leaves
+    shown and the others are compared with it. output: a file, or what makes a stream of an id and a blueprint. Raises LogError or OSError and leaves
     a file alone."""
     with ExitStack() as keep:
         logs = Logs(streams, keep, interrupts)
-        into = partial(recording_file, output) if isinstance(output, Path) else output
-        reader, _ = logs.open()
-        header, scenario = reader.header, parse_scenario(reader.header)
-        nodes = _nodes(header, wanted.nodes)
-        found = survey(reader.batches(wanted.run), header, scenario)
-        if not found.steps:
-            if interrupts and interrupts.came:
-                raise LogError(f"stopped by {interrupts.name} before the first step of run {wanted.run}")
-            return _begun(into, reader, scenario, wanted)
-        named = focus(header, found, nodes)
-        reader, others = logs.open()
-        compared = tuple(label for _, label, _ in others) if scenario.position_states else ()
-        batches = reader.batches(wanted.run)
-        batch: Batch | None = next(batches, None)
-        if batch is None:
-            raise LogError("the log has changed while it was read")
-        first_step = int(batch.step[0])
-        shown = blueprint(header, scenario, batch, found, named, compared, wanted.view)
-        with into(recording_id(header, wanted.run, compared), shown) as rec:
-            recorder = Recorder(rec, header, scenario, wanted.run, found, named)
-            beside = comparison.Comparison(rec, scenario) if compared else None
-            while batch is not None:
-                recorder.batch(batch)
-                if beside:
-                    beside.shown(batch)
-                last_step = int(batch.step[-1])
-                batch = next(batches, None)
-            recorder.finish(reader.end, _compared(beside, others, wanted.run) if beside else [])
+        planned = plan(logs, wanted)
+        return record(logs, planned, output, wanted) if planned.found.steps else _begun(logs, output, wanted)
+
+
+def plan(logs: Logs, wanted: Wanted) -> Plan:
+    """A log without steps of the run gives one without steps. Raises LogError."""
+    reader, others = logs.open()
+    header, scenario = reader.header, parse_scenario(reader.header)
+    nodes = _nodes(header, wanted.nodes)
+    found = survey(reader.batches(wanted.run), header, scenario)
+    if not found.steps and logs.stopped_by:
+        raise LogError(f"stopped by {logs.stopped_by} before the first step of run {wanted.run} was read; nothing is written")
+    return Plan(header, scenario, found, focus(header, found, nodes), tuple(label for _, label, _ in others) if scenario.position_states else ())
+
+
+def record(logs: Logs, planned: Plan, output: Into, wanted: Wanted) -> Converted:
+    """The second reading: writes the recording."""
+    header, scenario, found, named, compared = planned.header, planned.scenario, planned.found, planned.named, planned.compared
+    reader, others = logs.open()
+    batches = reader.batches(wanted.run)
+    batch: Batch | None = next(batches, None)
+    if batch is None:
+        raise LogError("the log has changed while it was read")
+    first_step = int(batch.step[0])
+    shown = blueprint(header, scenario, batch, found, named, compared, wanted.view)
+    with _into(output)(recording_id(header, wanted.run, compared), shown) as rec:
+        recorder = Recorder(rec, header, scenario, wanted.run, found, named)
+        beside = comparison.Comparison(rec, scenario) if compared else None
+        while batch is not None:
+            recorder.batch(batch)
+            if beside:
+                beside.shown(batch)
+            last_step = int(batch.step[-1])
+            batch = next(batches, None)
+        recorder.finish(reader.end, _compared(beside, others, wanted.run) if beside else [])
     ends = [reader.end, *(other.end for _, _, other in others)]
     return Converted(
         remarks=reader.warnings + [f"{name}: {text}" for name, _, other in others for text in other.warnings],
         damage=reader.damage + [f"{name}: {text}" for name, _, other in others for text in other.damage],
         steps=(first_step, last_step),
         asked=header.steps,
-        stopped="stopped" in ends or bool(interrupts and interrupts.came and reader.end is None),
+        # The end of input from a pipe may have been left there.
+        stopped=logs.stopped_by if "stopped" in ends or (logs.stopped_by and reader.end is None) else None,
     )
 
 
-def _begun(into: Callable[..., AbstractContextManager], reader: LogReader, scenario: Scenario, wanted: Wanted) -> Converted:
-    with into(recording_id(reader.header, wanted.run), begun.blueprint()) as rec:
-        begun.record(rec, reader.header, scenario, wanted.run, reader.end)
-    remarks = [f"the log has no step of run {wanted.run} yet", *reader.warnings]
-    return Converted(remarks, [], None, reader.header.steps, False)
+def _into(output: Into) -> Callable[[str, rrb.Blueprint], AbstractContextManager[rr.RecordingStream]]:
+    return partial(recording_file, output) if isinstance(output, Path) else output
+
+
+def _begun(logs: Logs, output: Into, wanted: Wanted) -> Converted:
+    reader, _ = logs.open()
+    for _ in reader.batches(wanted.run):
+        raise LogError("the log has changed while it was read")
+    with _into(output)(recording_id(reader.header, wanted.run), begun.blueprint()) as rec:
+        begun.record(rec, reader.header, parse_scenario(reader.header), wanted.run, reader.end)
+    return Converted([f"the log has no step of run {wanted.run} yet", *reader.warnings], [], None, reader.header.steps, None)
 
 
 def _nodes(header: Header, wanted: Sequence[int]) -> tuple[int, ...]:
