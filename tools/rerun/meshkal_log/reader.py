@@ -138,7 +138,7 @@ class LogReader:
                 return
 
     def _steps(self) -> Iterator[dict]:
-        count = 0
+        count, known = 0, {*lengths(self.header), "run", "step"}
         while True:
             try:
                 item = self._next()
@@ -160,8 +160,14 @@ class LogReader:
             if item["run"] >= self.header.runs and self.header.source != "live":
                 raise LogError(f"{where}: it is of run {item['run']}, and the header says {self.header.runs} runs")
             count += 1
+            if not known.issuperset(item):
+                self._left_out(item.keys() - known)
+                known |= item.keys()
             yield item
             self._last = item["run"], item["step"]
+
+    def _left_out(self, keys: set) -> None:
+        self.warnings.append(f"left out, because this program does not know what it is: {', '.join(sorted(map(str, keys)))}")
 
     def _check_end(self) -> None:
         if self._start is not None and 0 < _LONGEST_CUT * self._largest < self.position - self._start:

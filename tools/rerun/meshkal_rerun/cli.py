@@ -38,19 +38,20 @@ what was read by then is written, unless a second Ctrl-C came."""
 
 
 def main(arguments: list[str] | None = None) -> int:
-    arguments = sys.argv[1:] if arguments is None else arguments
+    program = arguments is None
+    arguments = sys.argv[1:] if program else arguments
     command = _COMMANDS.get(arguments[0]) if arguments else None
     try:
-        return command(arguments[1:]) if command else _record(_options(arguments))
+        return command(arguments[1:]) if command else _record(_options(arguments), program=program)
     except BrokenPipeError:
         # What reads our standard output has ended; without this, Python complains again when it flushes it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return EXIT_PART
 
 
-def _record(options: argparse.Namespace) -> int:
+def _record(options: argparse.Namespace, *, program: bool) -> int:
     shown = options.log[0] if len(options.log) == 1 else "joined logs"
-    with Interrupts() as interrupts:
+    with Interrupts(stay=program) as interrupts:
         interrupts.spare = "-" in options.log
         try:
             return _written(options, shown, interrupts)

@@ -15,8 +15,10 @@ class Interrupts:
     """A context that catches SIGINT, SIGTERM and SIGHUP, unless they are ignored. `spare`: the first Ctrl-C is left to others: in a pipe it reaches the
     simulator too, which then ends its log properly."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, stay: bool = False) -> None:
+        """stay: also behind the block, where the program ends: Python's end takes its time, too."""
         self.spare = False
+        self._stay = stay
         self._came: int | None = None
         self._waiting = False
         self._before: dict[int, object] = {}
@@ -30,8 +32,9 @@ class Interrupts:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for number, before in self._before.items():
-            signal.signal(number, before)
+        if not self._stay:
+            for number, before in self._before.items():
+                signal.signal(number, before)
 
     @property
     def came(self) -> bool:

@@ -18,7 +18,7 @@ class Progress:
         # Not where there is nothing to show: its import takes as long as a small log.
         from tqdm import tqdm
 
-        self._bar = tqdm(desc=what, total=total, unit="B", unit_scale=True, unit_divisor=1024, leave=False, dynamic_ncols=True, delay=0.5)
+        self._bar = tqdm(desc=what, total=total, unit="B", unit_scale=True, unit_divisor=1024, leave=False, dynamic_ncols=True)
 
     def at(self, done: Callable[[], int], steps: int | None = None) -> None:
         """done: how much of `total`, asked for when it is shown. Cheap enough to be called for every item."""
