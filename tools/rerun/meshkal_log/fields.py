@@ -110,6 +110,7 @@ class Batch:
     estimates_arrived: np.ndarray | None = None
     position_covariance: np.ndarray | None = None  # (T, E, p (p + 1) / 2), rows of the lower triangle
     fault: np.ndarray | None = None  # (T, rows of all nodes): what was added to the readings
+    frozen: np.ndarray | None = None
     # Of a tracking log, some of them also of a navigation log.
     time_s: np.ndarray | None = None  # (T,)
     measuring: np.ndarray | None = None  # (T, N)
@@ -125,6 +126,8 @@ class Batch:
     azimuth_deg: np.ndarray | None = None
     elevation_deg: np.ndarray | None = None
     innovation: np.ndarray | None = None
+    innovation_covariance: np.ndarray | None = None  # (T, N (N + 1) / 2), rows of the lower triangle
+    correction: np.ndarray | None = None  # (T, n)
     # Of filters that weigh readings: (T, slots).
     weight: np.ndarray | None = None
     weight_statistic: np.ndarray | None = None
@@ -151,9 +154,9 @@ class Decision(IntEnum):
 
 _OPTIONAL = ("truth", "error", "estimates_arrived", "position_covariance", "fault", "weight", "weight_statistic")
 _OPTIONAL_OF = {
-    LINEAR: (),
+    LINEAR: ("frozen",),
     TRACKING: ("theta", "tolerance", "nees", "messages_arrived", "disagreement", "consensus_disagreement"),
-    NAVIGATION: ("nees", "innovation"),
+    NAVIGATION: ("nees", "innovation", "innovation_covariance", "correction"),
 }
 
 
@@ -194,8 +197,14 @@ def lengths(header: Header) -> dict[str, tuple[np.dtype, int]]:
         "disagreement": (double, 1),
         "consensus_disagreement": (double, header.iterations + 1),
     }
-    sky = {"azimuth_deg": (double, header.nodes), "elevation_deg": (double, header.nodes), "innovation": (real, header.nodes)}
-    of_kind = {LINEAR: network, TRACKING: network | timed | tracking, NAVIGATION: timed | sky}
+    sky = {
+        "azimuth_deg": (double, header.nodes),
+        "elevation_deg": (double, header.nodes),
+        "innovation": (real, header.nodes),
+        "innovation_covariance": (real, header.nodes * (header.nodes + 1) // 2),
+        "correction": (real, header.states),
+    }
+    of_kind = {LINEAR: network | {"frozen": (byte, e)}, TRACKING: network | timed | tracking, NAVIGATION: timed | sky}
     return every | of_kind[header.kind] | monitor_lengths(header)
 
 

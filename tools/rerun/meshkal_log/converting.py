@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: MIT
+"""Turns a log into CSV, Parquet or MCAP (tables.md), whole or not at all."""
+
+import argparse
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from .fields import Batch
+from .opening import Source, batches_of, opened
+from .output import whole_file, whole_folder
+from .reader import LogError, LogReader
+from .run import nothing
+from .tables import tables_of
+
+PROGRAM = "meshkal-rerun convert"
+CSV, PARQUET, MCAP = FORMS = ("csv", "parquet", "mcap")
+
+
+def convert(
+    source: Source | Sequence[Source],
+    output: str | os.PathLike,
+    *,
+    to: str | None = None,
+    run: int | None = 0,
+    progress: Callable[[int], None] | None = None,
+) -> list[str]:
+    """Writes one run of a log, or of logs of nodes of one network; with `run` None all runs, which MCAP cannot have. The form is `to`, or what the
+    name of `output` says. Calls `progress` with the number of steps that it has read on. Returns warnings for the user. Raises LogError or OSError and
+    leaves `output` as it was."""
+    output = Path(output)
+    form = form_of(output, to)
+    if form == MCAP and run is None:
+        raise LogError("an MCAP file has one run, because runs are at the same times; name it with --run")
+    with opened(source) as reader:
+        batches = batches_of(reader, run)
+        first = next(batches, None)
+        # Such a log has nothing but its header; so do the tables.
+        first = first or (run or 0, nothing(reader.header))
+        if form == MCAP:
+            from .mcap_file import McapFile
+
+            with whole_file(output) as temporary:
+                _write(McapFile(temporary, reader.header, first[1], header_texts(reader)), reader, first, batches, progress)
+        else:
+            from .columnar import FolderWriter, own_files
+
+            with whole_folder(output, own_files(form)) as temporary:
+                tables = tables_of(reader.header, first[1])
+                _write(FolderWriter(form, temporary, reader.header, tables, header_texts(reader)), reader, first, batches, progress)
+        return reader.warnings
+
+
+def _write(writer: object, reader: LogReader, first: tuple[int, Batch], batches: object, progress: Callable[[int], None] | None) -> None:
+    try:
+        number, batch = first
+        while True:
+            writer.batch(number, batch)
+            if progress:
+                progress(len(batch.step))
+            del batch
+            following = next(batches, None)
+            if following is None:
+                break
+            number, batch = following
+        writer.finish({"end": reader.end or "cut", "warnings": json.dumps(reader.warnings, ensure_ascii=False)})
+    finally:
+        writer.stop()
+
+
+def header_texts(reader: LogReader) -> dict[str, str]:
+    """The header of the log as texts: text as it is, everything else as JSON."""
+    return {str(key): value if isinstance(value, str) else json.dumps(value, default=str) for key, value in reader.header_item.items()}
+
+
+def form_of(output: Path, to: str | None) -> str:
+    if to is not None:
+        return to
+    ending = output.suffix.lower().removeprefix(".")
+    if ending in FORMS:
+        return ending
+    if not ending:
+        return PARQUET
+    raise LogError(f"{output}: what to write is not clear from .{ending}; name it .mcap, .parquet or .csv, or say --to")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.description = "Writes a log as a folder of Parquet or CSV tables, or as an MCAP file. tables.md says what is in them."
+    parser.add_argument("log", nargs="+", help="the log, or - for standard input; several: those of nodes of one network, read as one")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help="RUN.mcap, or a folder to make: RUN.parquet, RUN.csv, or any name")
+    parser.add_argument("--to", choices=FORMS, help="what to write (default: as OUT ends; parquet where it has no ending)")
+    parser.add_argument("--run", type=_run, default=0, metavar="K", help="which Monte Carlo run, or all: tables have a column for it (default: 0)")
+
+
+def _run(text: str) -> int | None:
+    if text == "all":
+        return None
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a run number")
+    return int(text)
+
+
+def main(options: argparse.Namespace) -> int:
+    """Exit status: 0 done, 2 nothing written, 130 interrupted."""
+    shown = options.log[0] if len(options.log) == 1 else "joined logs"
+    logs = [sys.stdin.buffer if log == "-" else log for log in options.log]
+    # SIGTERM cleans up as Ctrl-C does.
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        warnings = convert(logs[0] if len(logs) == 1 else logs, options.output, to=options.to, run=options.run)
+    except KeyboardInterrupt:
+        return 130
+    except LogError as error:
+        print(f"{PROGRAM}: {shown}: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        return 2
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    for text in warnings:
+        print(f"{PROGRAM}: {shown}: warning: {text}", file=sys.stderr)
+    return 0
+
+
+if __name__ == "__main__":
+    _parser = argparse.ArgumentParser(prog="python -m meshkal_log.converting")
+    add_arguments(_parser)
+    sys.exit(main(_parser.parse_args()))
