@@ -46,9 +46,9 @@ class Recording:
 
 
 def convert(data: bytes, output: Path, run: int = 0) -> tuple[Recording, list[str]]:
-    from meshkal_rerun import cli
+    from meshkal_rerun import conversion
 
-    remarks = cli.convert(io.BufferedReader(io.BytesIO(data)), output, run)
+    remarks = conversion.convert({"log": io.BufferedReader(io.BytesIO(data))}, output, conversion.Wanted(run))
     return Recording(output), remarks
 
 

@@ -9,7 +9,7 @@ from typing import BinaryIO
 import cbor2
 import numpy as np
 import rerun as rr
-from meshkal_rerun.cli import convert_joined
+from meshkal_rerun.conversion import Wanted, convert
 from meshkal_log.reader import ARRAY_DTYPES, LogError, LogReader
 from program import ReproduceError
 
@@ -51,6 +51,6 @@ def record(logs: list[Path], output: Path) -> None:
     rr.set_strict_mode(True)
     try:
         with ExitStack() as streams:
-            convert_joined({path.stem: streams.enter_context(path.open("rb")) for path in logs}, output, 0)
+            convert({path.stem: streams.enter_context(path.open("rb")) for path in logs}, output, Wanted())
     except LogError as error:
         raise ReproduceError(f"{output}: {error}") from None

@@ -65,7 +65,7 @@ def _series(rec: rr.RecordingStream, draw: Draw, path: str, values: np.ndarray, 
 
 
 def _nodes(rec: rr.RecordingStream, draw: Draw, path: str, values: np.ndarray) -> None:
-    for k, colour in enumerate(colours.node_colours(values.shape[1])):
+    for k, colour in enumerate(colours.cycled(values.shape[1])):
         _series(rec, draw, f"{path}/node/{k}", values[:, k], f"node {k}", colour, 1.0)
 
 

@@ -1,24 +1,20 @@
 # SPDX-License-Identifier: MIT
-"""The command: reads a log from a file or standard input and writes an .rrd file, whole or not at all."""
+"""The command. Exit status: 0 done, 1 done in part, 2 wrong input and nothing written, 130 interrupted."""
 
 import argparse
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
 
 import rerun as rr
 
-from meshkal_log.joined import JoinedReader
-from meshkal_log.reader import LogError, LogReader
-from meshkal_log.scenario import parse_scenario
-from .recording import comparison
-from .recording.output import recording_file
-from .recording.recorder import Recorder, recording_id
-from .views.blueprint import blueprint
+from meshkal_log.reader import LogError
+
+from .conversion import Wanted, convert
+from .views.blueprint import VIEWS
 
 PROGRAM = "meshkal-rerun"
 EXIT_BAD = 2
@@ -33,10 +29,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with _signals("-" in options.log), ExitStack() as streams:
             opened = {name: streams.enter_context(_open(name)) for name in options.log}
-            if len(options.log) == 1:
-                remarks = convert(opened[options.log[0]], Path(options.output), options.run)
-            else:
-                remarks = convert_joined(opened, Path(options.output), options.run)
+            remarks = convert(opened, _output(options), Wanted(options.run, options.view, options.node))
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except LogError as error:
@@ -50,71 +43,35 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def convert(stream: BinaryIO, output: Path, run: int) -> list[str]:
-    """Writes the recording of one run and returns warnings for the user. Raises LogError or OSError and leaves `output` alone."""
-    return _convert(LogReader(stream), output, run)
-
-
-def convert_joined(streams: dict[str, BinaryIO], output: Path, run: int) -> list[str]:
-    """The same of several logs, by their names: of nodes of one network; or of filters for tracking or navigation, the first of which is shown and the
-    others are compared with it."""
-    readers = {}
-    for name, stream in streams.items():
-        try:
-            readers[name] = LogReader(stream)
-        except LogError as error:
-            raise LogError(f"{name}: {error}") from None
-    first = next(iter(readers.values()))
-    if first.header.timed:
-        others = [(name, label, readers[name]) for name, label in comparison.labels(readers).items()]
-        remarks = _convert(first, output, run, others)
-        return remarks + [f"{name}: {text}" for name, reader in readers.items() if reader is not first for text in reader.warnings]
-    return _convert(JoinedReader(readers), output, run)
-
-
-def _convert(reader: LogReader, output: Path, run: int, others: Sequence[tuple[str, str, LogReader]] = ()) -> list[str]:
-    scenario = parse_scenario(reader.header)
-    batches = reader.batches(run)
-    first = next(batches, None)
-    if first is None:
-        raise LogError(f"the log has no step of run {run}")
-    compared = tuple(label for _, label, _ in others) if scenario.position_states else ()
-    with recording_file(output, recording_id(reader.header, run, compared), blueprint(reader.header, scenario, first, compared)) as rec:
-        recorder = Recorder(rec, reader.header, scenario, run)
-        beside = comparison.Comparison(rec, scenario) if compared else None
-        batches = chain([first], batches)
-        del first
-        for batch in batches:
-            recorder.batch(batch)
-            if beside:
-                beside.shown(batch)
-        recorder.finish(reader.end, _compared(beside, others, run) if beside else [])
-    return reader.warnings
-
-
-def _compared(beside: comparison.Comparison, others: Sequence[tuple[str, str, LogReader]], run: int) -> list[tuple[str, str]]:
-    rows = []
-    for index, (name, label, reader) in enumerate(others):
-        try:
-            rows.append(beside.other(label, reader, run, index))
-        except LogError as error:
-            raise LogError(f"{name}: {error}") from None
-    return [row for row in rows if row]
-
-
 def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog=PROGRAM, description="Turns a Meshkal run log into a rerun recording (.rrd).")
     parser.add_argument("log", nargs="+", help="the log, or - for standard input; several: those of nodes of one network, as meshkal-node writes "
                         "them, or those of filters over the same tracking or navigation run: the first is shown, the others are compared with it")
-    parser.add_argument("-o", "--output", required=True, metavar="RUN.rrd", help="the recording to write")
+    parser.add_argument("-o", "--output", metavar="RUN.rrd", help="the recording to write (default: beside the log, .rrd instead of its suffix)")
     parser.add_argument("--run", type=_run_number, default=0, metavar="K", help="which Monte Carlo run (default: 0)")
-    return parser.parse_args(arguments)
+    parser.add_argument("--view", choices=VIEWS, help="what is in front when the recording is opened (default: by what is in the log)")
+    parser.add_argument("--node", type=_nodes, default=(), metavar="K[,K]", help="nodes to show by name, before the worst ones")
+    options = parser.parse_args(arguments)
+    if not options.output and options.log[0] == "-":
+        parser.error("a recording of standard input needs a name: -o RUN.rrd")
+    return options
+
+
+def _output(options: argparse.Namespace) -> Path:
+    return Path(options.output) if options.output else Path(options.log[0]).with_suffix(".rrd")
 
 
 def _run_number(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text!r} is not a run number")
     return int(text)
+
+
+def _nodes(text: str) -> tuple[int, ...]:
+    parts = text.split(",")
+    if not all(part.isdecimal() for part in parts):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a list of node numbers, as 3 or 3,17")
+    return tuple(int(part) for part in parts)
 
 
 @contextmanager

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: MIT
 """Colours as 0xRRGGBBAA, chosen for rerun's dark background."""
 
-import colorsys
+from collections.abc import Sequence
 
 import numpy as np
+
+from meshkal_log.fields import Header
 
 TRUTH = 0xFFFFFFFF
 SUMMARY = 0xFFFFFFFF
@@ -40,18 +42,26 @@ def compared(index: int) -> tuple[str, int]:
     return list(COMPARED.items())[index % len(COMPARED)]
 
 
-_GOLDEN_RATIO = 0.6180339887498949
 # Blue, sand, red: ordered for the colour-blind too, and none of them vanishes on a dark background.
 _SCALE = np.array([[66, 135, 245], [245, 222, 150], [226, 48, 40]], dtype=np.float64)
 
 
-def node_colours(count: int) -> np.ndarray:
-    """One colour a node. Golden-ratio hues keep neighbours in number apart, and a node's colour does not depend on `count`."""
-    out = np.empty(count, dtype=np.uint32)
-    for k in range(count):
-        rgb = colorsys.hsv_to_rgb((0.55 + k * _GOLDEN_RATIO) % 1.0, (0.75, 0.5, 0.95)[k % 3], (0.95, 1.0, 0.8)[k % 3])
-        out[k] = _pack(np.array(rgb) * 255.0)
-    return out
+# Of nodes that are named: told apart by the colour-blind too, lightened for the dark background, none of them the truth's white.
+_NAMED = (0xE69F00FF, 0x4C9BE8FF, 0xF0E442FF, 0xCC79A7FF, 0x2BB58AFF, 0xE06A1BFF, 0xB0A0FFFF, 0x9AD0F5FF)
+_OTHERS = 0x66788CFF
+
+
+def cycled(count: int) -> np.ndarray:
+    return np.resize(np.array(_NAMED, dtype=np.uint32), count)
+
+
+class Palette:
+    """The colours of nodes, the same in all pictures of a recording: those that are named have one each, the others share one."""
+
+    def __init__(self, header: Header, named: Sequence[int]) -> None:
+        self.nodes = np.full(header.nodes, _OTHERS, dtype=np.uint32)
+        self.nodes[list(named)] = cycled(len(named))
+        self.estimators = np.array([MEDIAN], dtype=np.uint32) if header.central else self.nodes[list(header.estimator_nodes)]
 
 
 def with_alpha(colours: np.ndarray, alpha: int) -> np.ndarray:
@@ -76,3 +86,4 @@ def ramp(count: int) -> np.ndarray:
 def _pack(rgb: np.ndarray) -> np.ndarray:
     r, g, b = np.rint(rgb).astype(np.uint32)
     return (r << np.uint32(24)) | (g << np.uint32(16)) | (b << np.uint32(8)) | np.uint32(0xFF)
+

@@ -34,13 +34,12 @@ _LEVELS = {Kind.FAULT: "INFO", Kind.FAULT_OVER: "INFO", Kind.ALARM: "WARN", Kind
 
 
 class IntegrityRecorder:
-    def __init__(self, series: Series, clock: Clock, header: Header, scenario: Scenario, names: list[str], paths: list[str]) -> None:
+    def __init__(self, series: Series, clock: Clock, header: Header, scenario: Scenario, palette: colours.Palette, names: list[str], paths: list[str]) -> None:
         """names, paths: of the estimators."""
         self._series, self._clock, self._header = series, clock, header
         self._names, self._paths, self._jump = names, paths, scenario.jump
         self._slots, self._held = Slots(header), integrity.Held(header)
-        self._node_colours = colours.node_colours(header.nodes)
-        self._colours = colours.node_colours(1) if header.central else self._node_colours[list(header.estimator_nodes)]
+        self._node_colours, self._colours = palette.nodes, palette.estimators
         self._few = header.estimators <= DRAWN_ESTIMATORS
         self._lanes: dict[str, integrity.Changes] = {}
         self._start: list | None = None  # time of the first step: where lanes begin

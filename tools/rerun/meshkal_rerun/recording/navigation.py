@@ -19,10 +19,10 @@ SIGMAS = 3.0
 
 
 class NavigationRecorder:
-    def __init__(self, rec: rr.RecordingStream, series: Series, clock: Clock, header: Header) -> None:
+    def __init__(self, rec: rr.RecordingStream, series: Series, clock: Clock, header: Header, palette: colours.Palette) -> None:
         self._series, self._header = series, header
         self._sky = Sky(rec, clock, header)
-        self._colours = colours.node_colours(header.nodes)
+        self._colours = palette.nodes
         low, high = nees_band(header.states)
         self._band = {"lower": low, "expected": float(header.states), "upper": high}
 
@@ -60,8 +60,8 @@ class NavigationRecorder:
 class NavigationScene(Scene):
     """The flight: truth, and the trail of the estimate."""
 
-    def __init__(self, rec: rr.RecordingStream, header: Header, scenario: Scenario, names: list[str], node_colours: np.ndarray) -> None:
-        super().__init__(rec, header, scenario, names, node_colours)
+    def __init__(self, rec: rr.RecordingStream, header: Header, scenario: Scenario, names: list[str], palette: colours.Palette) -> None:
+        super().__init__(rec, header, scenario, names, palette)
         self._trail = np.zeros((0, 3), dtype=np.float32)
         self._estimates: list[np.ndarray] = []
         self._style("scene/estimate_trail", rr.LineStrips3D, colors=colours.MEDIAN, radii=-1.5)

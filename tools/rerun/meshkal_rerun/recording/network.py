@@ -4,11 +4,10 @@
 import numpy as np
 import rerun as rr
 
-from meshkal_log.fields import Batch, Header
+from meshkal_log.fields import Header
 from meshkal_log.scenario import Scenario
-from ..numbers import derive
+from ..numbers.survey import shade_db
 from . import colours
-from .series import Clock
 
 NODES = "network/nodes"
 LABELS = "network/labels"
@@ -18,18 +17,13 @@ _RADIUS = 14.0
 # Where a text is that says more of a node; its label is below.
 ABOVE = (0.0, -2.1 * _RADIUS)
 _LABELLED_NODES = 60
-_ROWS_A_SEND = 4096
 
 
 class NetworkGraph:
-    """Keeps one number a node and step until the end, because the colour scale needs the range of the whole run."""
-
-    def __init__(self, rec: rr.RecordingStream, header: Header, scenario: Scenario, clock: Clock) -> None:
+    def __init__(self, rec: rr.RecordingStream, header: Header, scenario: Scenario, shade_range_db: tuple[float, float] | None) -> None:
+        """shade_range_db: blue and red."""
         self._rec = rec
-        self._clock = clock
-        self._steps: list[np.ndarray] = []
-        self._times: list[np.ndarray] = []
-        self._values: list[np.ndarray] = []
+        self._range = shade_range_db or (0.0, 0.0)
         self._central = header.central
         self._nodes = header.nodes
         self._estimator_nodes = list(header.estimator_nodes)
@@ -50,32 +44,9 @@ class NetworkGraph:
             below = positions + (0.0, 2.1 * _RADIUS)
             rec.log(LABELS, rr.GraphNodes(ids, positions=below, labels=self._names, show_labels=True), static=True)
 
-    def batch(self, batch: Batch, quantities: dict[str, np.ndarray]) -> None:
-        """Without a truth there is no error; how far the innovations exceed what a node expects stands in for it, in dB too."""
-        if "position_error" in quantities:
-            values = derive.decibels(quantities["position_error"])
-        elif "error_db" in quantities:
-            values = quantities["error_db"]
-        else:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                values = 10.0 * np.log10(quantities["nis_ratio"])
-        self._steps.append(batch.step)
-        if batch.time_s is not None:
-            self._times.append(batch.time_s)
-        self._values.append(values.astype(np.float32))
-
-    def finish(self) -> tuple[float, float] | None:
-        """Sends the colours and returns the dB values of blue and red."""
-        values = np.concatenate(self._values)
-        known = values[np.isfinite(values)]
-        # The extremes are left out: one start-up transient would otherwise paint the rest in one colour.
-        low, high = (float(q) for q in np.percentile(known, [10, 90])) if len(known) else (0.0, 0.0)
-        step = np.concatenate(self._steps)
-        time_s = np.concatenate(self._times) if self._times else None
-        for first in range(0, len(step), _ROWS_A_SEND):
-            part = slice(first, first + _ROWS_A_SEND)
-            self._send(self._clock.columns(step[part], None if time_s is None else time_s[part]), values[part], low, high)
-        return (low, high) if len(known) else None
+    def batch(self, times: list, quantities: dict[str, np.ndarray]) -> None:
+        low, high = self._range
+        self._send(times, shade_db(quantities), low, high)
 
     def _send(self, times: list, values: np.ndarray, low: float, high: float) -> None:
         each = np.full(len(values), len(self._names))

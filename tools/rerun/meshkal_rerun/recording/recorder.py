@@ -10,9 +10,8 @@ import rerun as rr
 from meshkal_log.fields import LINEAR, NAVIGATION, TRACKING, Batch, Header
 from meshkal_log.scenario import Scenario
 from ..numbers import derive
-from ..numbers import navigation as navigation_numbers
-from ..numbers import tracking as tracking_numbers
 from ..numbers.integrity import Story
+from ..numbers.survey import Survey, quantities
 from ..summary.linear import Summary
 from ..summary.navigation import NavigationSummary
 from ..summary.tracking import TrackingSummary
@@ -71,42 +70,38 @@ def estimator_names(header: Header) -> list[str]:
 class Recorder:
     """Takes batches in order, then `finish`. Every row is sent in columns: one row at a time is a hundred times slower."""
 
-    def __init__(self, rec: rr.RecordingStream, header: Header, scenario: Scenario, run: int) -> None:
+    def __init__(self, rec: rr.RecordingStream, header: Header, scenario: Scenario, run: int, found: Survey, named: Sequence[int]) -> None:
         self._rec = rec
         self._header, self._scenario = header, scenario
         self._names = estimator_names(header)
-        each = colours.node_colours(header.nodes)
-        self._colours = colours.node_colours(1) if header.central else each[list(header.estimator_nodes)]
+        self._palette = colours.Palette(header, named)
+        self._colours = self._palette.estimators
         self._clock = Clock(header)
+        self._shade_range = found.shade_range_db
         self._series = Series(rec, envelope=header.timed)
         self._gaps: dict[str, bool] = {}  # of series, whether their first values have some
         self._last_faults = np.zeros(header.estimators, dtype=np.uint32)
         paths = [estimator_path(header, k) for k in range(header.estimators)]
         scene = _SCENES[header.kind]
-        self._scene = scene(rec, header, scenario, self._names, self._colours) if scenario.position_states else None
-        self._tracking = TrackingRecorder(self._series, self._clock, header, paths) if header.tracking else None
-        self._navigation = NavigationRecorder(rec, self._series, self._clock, header) if header.navigation else None
+        self._scene = scene(rec, header, scenario, self._names, self._palette) if scenario.position_states else None
+        self._tracking = TrackingRecorder(self._series, self._clock, header, self._palette, paths) if header.tracking else None
+        self._navigation = NavigationRecorder(rec, self._series, self._clock, header, self._palette) if header.navigation else None
         # The links of satellites to one receiver say nothing; the sky does.
-        self._graph = None if header.navigation else NetworkGraph(rec, header, scenario, self._clock)
+        self._graph = None if header.navigation else NetworkGraph(rec, header, scenario, found.shade_range_db)
         self._story = Story(header)
-        self._integrity = IntegrityRecorder(self._series, self._clock, header, scenario, self._names, paths)
+        self._integrity = IntegrityRecorder(self._series, self._clock, header, scenario, self._palette, self._names, paths)
         self._marks = IntegrityMarks(rec, self._clock, header, scenario) if header.monitor and self._graph else None
         self._summary = _SUMMARIES[header.kind](header, scenario, run, self._names)
         rec.send_recording_name(f"{scenario.name}: {header.filter}, run {run}")
 
     def batch(self, batch: Batch) -> None:
         times = self._clock.times(batch)
-        quantities = derive.per_estimator(batch, self._header)
-        network = derive.network(batch, quantities)
+        each, network = quantities(batch, self._header, self._scenario)
         if self._navigation:
-            more = navigation_numbers.per_estimator(batch, self._scenario)
-            quantities, network = quantities | more, network | tracking_numbers.network(more)
             self._navigation.batch(times, batch)
         if self._tracking:
-            more = tracking_numbers.per_estimator(batch, self._header, self._scenario)
-            quantities, network = quantities | more, network | tracking_numbers.network(more)
             self._tracking.batch(times, batch)
-        self._quantities(times, quantities, network)
+        self._quantities(times, each, network)
         self._states(times, batch)
         self._measurements(times, batch)
         # What became of readings says more than these, and is drawn for every sensor.
@@ -118,8 +113,8 @@ class Recorder:
         if self._scene:
             self._scene.batch(times, batch)
         if self._graph:
-            self._graph.batch(batch, quantities)
-        self._summary.batch(batch, quantities, network, fault_changes)
+            self._graph.batch(times, each)
+        self._summary.batch(batch, each, network, fault_changes)
         self._summary.integrity.batch(batch, events)
 
     def finish(self, end: str | None, more: Sequence[tuple[str, str]] = ()) -> None:
@@ -128,12 +123,11 @@ class Recorder:
             self._scene.finish()
         if self._navigation:
             self._navigation.finish()
-        colour_range = self._graph.finish() if self._graph else None
         self._summary.more += more
-        self._rec.log("summary", rr.TextDocument(self._summary.text(end, colour_range), media_type="text/markdown"), static=True)
+        self._rec.log("summary", rr.TextDocument(self._summary.text(end, self._shade_range if self._graph else None), media_type="text/markdown"), static=True)
 
-    def _quantities(self, times: list, quantities: dict, network: dict) -> None:
-        for quantity, values in quantities.items():
+    def _quantities(self, times: list, each: dict, network: dict) -> None:
+        for quantity, values in each.items():
             draw = self._sparse if quantity == "nis_ratio" else self._drawn
             for k, name in enumerate(self._names):
                 path = f"{quantity}/{estimator_path(self._header, k)}"
@@ -141,7 +135,7 @@ class Recorder:
             for summary, row in network[quantity].items():
                 colour, width = _SUMMARY_STYLE[summary]
                 draw(f"{quantity}/network/{summary}", times, row, names=summary, colors=colour, width=width)
-        ones = np.ones(len(quantities["nis_ratio"]))
+        ones = np.ones(len(each["nis_ratio"]))
         self._series.lines("nis_ratio/expected", times, ones, names="expected: 1", colors=colours.REFERENCE, widths=1.0)
 
     def _states(self, times: list, batch: Batch) -> None:
@@ -159,14 +153,13 @@ class Recorder:
 
     def _measurements(self, times: list, batch: Batch) -> None:
         first = 0
-        node_colours = colours.node_colours(self._header.nodes)
         for k, rows in enumerate(self._header.rows):
             values = derive.finite(batch.measurements[:, first : first + rows])
             first += rows
             if rows:
                 name = self._header.sensor_name(k)
                 names = [name if rows == 1 else f"{name}, row {r}" for r in range(rows)]
-                self._sparse(f"measurement/{self._header.sensor_path(k)}", times, values, names=names, colors=np.full(rows, node_colours[k]))
+                self._sparse(f"measurement/{self._header.sensor_path(k)}", times, values, names=names, colors=np.full(rows, self._palette.nodes[k]))
 
     def _drawn(self, path: str, times: list, values: np.ndarray, *, width: float, **style: object) -> None:
         self._series.lines(path, times, values, widths=width, **style)

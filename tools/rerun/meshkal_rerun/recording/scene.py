@@ -15,7 +15,7 @@ ELLIPSOIDS = "scene/ellipsoids_3_sigma"
 
 class Scene:
     def __init__(
-        self, rec: rr.RecordingStream, header: Header, scenario: Scenario, names: list[str], node_colours: np.ndarray
+        self, rec: rr.RecordingStream, header: Header, scenario: Scenario, names: list[str], palette: colours.Palette
     ) -> None:
         self._rec = rec
         self._position_states = scenario.position_states
@@ -23,8 +23,8 @@ class Scene:
         self._path_of = "truth"
         self._recent = np.zeros((0, 3), dtype=np.float32)  # the last of them, for the trail
         # Negative radii are sizes on the screen, which suit any scale of the scene.
-        self._style("scene/estimates", rr.Points3D, colors=node_colours, labels=names, show_labels=False, radii=-4.0)
-        faint = colours.with_alpha(node_colours, 90)
+        self._style("scene/estimates", rr.Points3D, colors=palette.estimators, labels=names, show_labels=False, radii=-4.0)
+        faint = colours.with_alpha(palette.estimators, 90)
         self._style(ELLIPSOIDS, rr.Ellipsoids3D, colors=faint, labels=names, show_labels=False, line_radii=-0.4)
         self._sensors(header, scenario)
 

@@ -25,11 +25,11 @@ _LEVELS = {Decision.REJECTED: "WARN", Decision.INFLATED: "INFO", Decision.REFUSE
 
 
 class TrackingRecorder:
-    def __init__(self, series: Series, clock: Clock, header: Header, paths: list[str]) -> None:
+    def __init__(self, series: Series, clock: Clock, header: Header, palette: colours.Palette, paths: list[str]) -> None:
         self._series, self._clock, self._header = series, clock, header
         self._paths = paths  # of the estimators
         self._slots = numbers.Slots(header)
-        self._node_colours = colours.node_colours(header.nodes)
+        self._node_colours = palette.nodes
         self._held = numbers.Held(header.nodes)
         self._last_decisions = np.full(header.nodes, -1, dtype=np.int64)
         # Of one estimator in one step; of a mean over the network there is none, since its estimators share what they know.

@@ -21,12 +21,12 @@ _FIRST_ANGLE_ROW = {"bearing": 0, "range-bearing": 1}
 
 
 class TrackingScene(Scene):
-    def __init__(self, rec: rr.RecordingStream, header: Header, scenario: Scenario, names: list[str], node_colours: np.ndarray) -> None:
+    def __init__(self, rec: rr.RecordingStream, header: Header, scenario: Scenario, names: list[str], palette: colours.Palette) -> None:
         self._header, self._scenario = header, scenario
         self._slots, self._links = numbers.Slots(header), numbers.Links(header)
         self._first_row = np.concatenate([[0], np.cumsum(header.rows)])
         self._trail = np.zeros((0, 3), dtype=np.float32)
-        super().__init__(rec, header, scenario, names, node_colours)
+        super().__init__(rec, header, scenario, names, palette)
         # Lines only: the area of an estimate that knows little would cover the scene.
         self._style(ELLIPSOIDS, rr.Ellipsoids3D, fill_mode="majorwireframe")
         if scenario.node_positions_m is not None:

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: MIT
 """What the viewer shows when a recording is opened: everything of importance without a click."""
 
+from collections.abc import Sequence
+
 import rerun.blueprint as rrb
 
 from meshkal_log.fields import Batch, Header
+from meshkal_log.reader import LogError
 from meshkal_log.scenario import Scenario
+from ..numbers.survey import Survey
 from ..recording.series import seconds_timeline
 from . import integrity as integrity_blueprint
 from . import navigation as navigation_blueprint
@@ -13,32 +17,34 @@ from . import tracking as tracking_blueprint
 from .parts import DRAWN_NODES, plot
 
 
-def blueprint(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...] = ()) -> rrb.Blueprint:
-    """`first` is the first batch: it tells whether there is a truth, and where the scene is. compared: names of other filters."""
+VIEWS = ("overview", "summary", "node", "compare", "integrity", "consensus")
+
+
+def blueprint(
+    header: Header,
+    scenario: Scenario,
+    first: Batch,
+    found: Survey,
+    named: Sequence[int],
+    compared: tuple[str, ...] = (),
+    view: str | None = None,
+) -> rrb.Blueprint:
+    """`first` is the first batch: it tells whether there is a truth, and where the scene is. named: nodes, the worst first. compared: names of
+    other logs. view: of VIEWS, what is in front."""
     few = header.estimators <= DRAWN_NODES
     if header.navigation:
-        return _of(header, [*navigation_blueprint.front(header, scenario, first, compared),
-                            _grid_tab(navigation_blueprint.consistency(header, first), "Consistency and losses")])
-    if header.tracking:
+        front = navigation_blueprint.front(header, scenario, first, compared)
+    elif header.tracking:
         front = tracking_blueprint.front(header, scenario, first, compared, few=few)
     else:
-        front = [_overview(header, scenario, first, few=few)]
+        front = {"overview": _overview(header, scenario, first, few=few)}
     if header.monitor:
-        front.append(integrity_blueprint.tab(header, first))
-    tabs = [
-        *front,
-        _grid_tab(_consistency(header, first), "Consistency and losses"),
-        _grid_tab(views.states(header, has_truth=first.truth is not None, few=few), "States"),
-    ]
-    if header.nodes <= DRAWN_NODES:
-        name = "Measurements of each node, in the units of the model"
-        tabs.append(views.series("measurement", name, ["$origin/**"]))
-    return _of(header, tabs)
-
-
-def _of(header: Header, tabs: list) -> rrb.Blueprint:
+        front["integrity"] = integrity_blueprint.tab(header, first)
+    if view is not None and view not in front:
+        raise LogError(f"the log has nothing for the view {view}; it has {', '.join(front)}")
+    tabs = [*front.values(), *_details(header, scenario, first, few=few)]
     return rrb.Blueprint(
-        rrb.Tabs(*tabs, active_tab=0),
+        rrb.Tabs(*tabs, active_tab=list(front).index(view) if view else 0),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         # Opened at the last step: trail, colours and values are then all there.
@@ -46,6 +52,21 @@ def _of(header: Header, tabs: list) -> rrb.Blueprint:
         auto_layout=False,
         auto_views=False,
     )
+
+
+def _details(header: Header, scenario: Scenario, first: Batch, *, few: bool) -> list:
+    """Tabs behind the views, for a closer look."""
+    if header.navigation:
+        grid = _grid_tab(navigation_blueprint.consistency(header, first), "Consistency and losses")
+        return [*navigation_blueprint.details(scenario, first), grid]
+    tabs = [
+        _grid_tab(_consistency(header, first), "Consistency and losses"),
+        _grid_tab(views.states(header, has_truth=first.truth is not None, few=few), "States"),
+    ]
+    if header.nodes <= DRAWN_NODES:
+        name = "Measurements of each node, in the units of the model"
+        tabs.append(views.series("measurement", name, ["$origin/**"]))
+    return tabs
 
 
 def _overview(header: Header, scenario: Scenario, first: Batch, *, few: bool) -> rrb.Horizontal:

@@ -15,14 +15,15 @@ from . import parts as views
 from .parts import LEGEND_NODES, plot, series, text_log
 
 
-def front(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...]) -> list:
-    """The tabs that come first."""
-    tabs = [_overview(header, first, compared), _summary(header)]
-    if header.monitor:
-        tabs.append(integrity_blueprint.tab(header, first))
+def front(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...]) -> dict:
+    """The tabs that come first, by the name of the view."""
+    return {"overview": _overview(header, first, compared), "summary": _summary(header)}
+
+
+def details(scenario: Scenario, first: Batch) -> list:
     name = "Position, m: " + ("truth (white), " if first.truth is not None else "") + "estimate (blue)"
     flight = rrb.Vertical(views.scene(scenario, first, name, few=True), name="Flight")
-    return [*tabs, rrb.Grid(*_states(first), name="Navigation", grid_columns=3), flight]
+    return [rrb.Grid(*_states(first), name="Navigation", grid_columns=3), flight]
 
 
 def consistency(header: Header, first: Batch) -> list[rrb.View]:

@@ -15,16 +15,15 @@ from .parts import TIME_AXIS, plot, scene, series, states, text_log
 LANES = 40
 
 
-def front(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...], *, few: bool) -> list:
-    """The tabs that come first."""
+def front(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...], *, few: bool) -> dict:
+    """The tabs that come first, by the name of the view."""
     network = rrb.GraphView(origin="network", name="Network, colours as the summary says")
     words = text_log("rejections", "Readings that were not used as they were")
-    return [
-        _overview(header, scenario, first, compared, few=few),
-        rrb.Horizontal(
-            rrb.TextDocumentView(origin="summary", name="Summary"), rrb.Vertical(network, words), column_shares=[5, 6], name="Summary and network"
-        ),
-    ]
+    summary = rrb.TextDocumentView(origin="summary", name="Summary")
+    return {
+        "overview": _overview(header, scenario, first, compared, few=few),
+        "summary": rrb.Horizontal(summary, rrb.Vertical(network, words), column_shares=[5, 6], name="Summary and network"),
+    }
 
 
 def _overview(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...], *, few: bool) -> rrb.Horizontal:

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: MIT
+"""The first reading of a log: who is worst, and how far values reach, so that what is shown can be chosen before it is written."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from meshkal_log.fields import Batch, Header
+from meshkal_log.scenario import Scenario
+
+from . import derive, navigation, tracking
+
+# More would not be told apart, neither by colour nor in a legend.
+ALL_NAMED = 8
+NAMED = 5
+
+
+@dataclass(frozen=True)
+class Survey:
+    steps: int
+    rank: tuple[int, ...]  # estimators, the worst first, those of which nothing is known last
+    badness: np.ndarray  # (E,): RMS of the error; without truth the mean of the test quantity; NaN: unknown
+    shade_range_db: tuple[float, float] | None  # of what nodes are coloured by
+
+
+def quantities(batch: Batch, header: Header, scenario: Scenario) -> tuple[dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
+    """All that is drawn of estimators, (T, E), and what sums up the network, (T,)."""
+    each = derive.per_estimator(batch, header)
+    network = derive.network(batch, each)
+    more: dict[str, np.ndarray] = {}
+    if header.navigation:
+        more = navigation.per_estimator(batch, scenario)
+    if header.tracking:
+        more = tracking.per_estimator(batch, header, scenario)
+    return each | more, network | tracking.network(more)
+
+
+def shade_db(each: dict[str, np.ndarray]) -> np.ndarray:
+    """What nodes are coloured by: the error; without truth how far the innovations exceed what a node expects, in dB too."""
+    if "position_error" in each:
+        return derive.decibels(each["position_error"])
+    if "error_db" in each:
+        return each["error_db"]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return derive.finite(10.0 * np.log10(each["nis_ratio"]))
+
+
+def survey(batches: Iterable[Batch], header: Header, scenario: Scenario) -> Survey:
+    squares, known, steps = np.zeros(header.estimators), np.zeros(header.estimators), 0
+    shades = []
+    for batch in batches:
+        steps += len(batch.step)
+        each, _ = quantities(batch, header, scenario)
+        shade = shade_db(each)
+        shades.append(shade.astype(np.float32))
+        known += np.isfinite(shade).sum(axis=0)
+        with np.errstate(over="ignore"):
+            squares += np.nansum(10.0 ** (shade / 10.0), axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = squares / known
+    has_truth = bool(shades) and ("error_db" in each or "position_error" in each)
+    badness = np.sqrt(mean) if has_truth else mean
+    values = np.concatenate(shades).ravel() if shades else np.zeros(0)
+    values = values[np.isfinite(values)]
+    # The extremes are left out: one start-up transient would otherwise paint the rest in one colour.
+    span = tuple(float(q) for q in np.percentile(values, [10, 90])) if len(values) else None
+    # NaN sorts last; equal ones stay in the order of their numbers.
+    return Survey(steps, tuple(int(e) for e in np.argsort(-badness, kind="stable")), badness, span)
+
+
+def unknown(header: Header) -> Survey:
+    """Of a run that has only begun."""
+    return Survey(0, tuple(range(header.estimators)), np.full(header.estimators, np.nan), None)
+
+
+def focus(header: Header, found: Survey, wanted: Sequence[int] = ()) -> tuple[int, ...]:
+    """Nodes that are named and coloured: those that are wanted, then the worst; of few all; of a centre its sensors."""
+    if header.central:
+        return tuple(dict.fromkeys([*wanted, *range(header.nodes)]))
+    if header.estimators <= ALL_NAMED:
+        return header.estimator_nodes
+    worst = [header.estimator_nodes[e] for e in found.rank]
+    return tuple(dict.fromkeys([*wanted, *worst]))[: max(NAMED, len(wanted))]
