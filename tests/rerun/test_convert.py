@@ -211,9 +211,10 @@ def test_the_header_is_in_each_form(tmp_path):
     for form in ("parquet", "csv", "mcap"):
         converted(log, tmp_path / f"run.{form}")
     header = dict(log.header, scenario=json.dumps(log.scenario))
+    plain = json.loads((tmp_path / "run.csv/header.json").read_text())
+    assert {key: plain[key] for key in header} == header and (plain["end"], plain["warnings"]) == ("complete", [])
     found = [
         {k.decode(): v.decode() for k, v in pq.read_schema(tmp_path / "run.parquet/nodes.parquet").metadata.items() if k != b"ARROW:schema"},
-        json.loads((tmp_path / "run.csv/header.json").read_text()),
         McapRead(tmp_path / "run.mcap").metadata["meshkal"],
     ]
     for texts in found:
@@ -389,17 +390,45 @@ def test_standard_input_and_warnings_of_the_command(tmp_path):
     assert len(McapRead(tmp_path / "run.mcap").messages["/steps"]) == 3
 
 
-def test_ctrl_c_leaves_nothing(tmp_path):
-    first, *items = Log(nodes=20, steps=4000).items()
-    with subprocess.Popen([sys.executable, "-m", "meshkal_log.converting", "-", "-o", str(tmp_path / "run.csv")],
-                          stdin=subprocess.PIPE, stderr=subprocess.PIPE, env={"PYTHONPATH": str(PACKAGE)}) as child:
-        child.stdin.write(first + b"".join(items[:-1]))
-        child.stdin.flush()
-        time.sleep(1.0)
+def waiting(output: Path) -> subprocess.Popen:
+    """The command, which has begun to write and waits for more of the log: 4500 steps of 5000 are there."""
+    child = subprocess.Popen([sys.executable, "-m", "meshkal_log.converting", "-", "-o", str(output)],
+                             stdin=subprocess.PIPE, stderr=subprocess.PIPE, env={"PYTHONPATH": str(PACKAGE)})
+    child.stdin.write(b"".join(Log(nodes=1, steps=5000, position_states=None).items()[:4501]))
+    child.stdin.flush()
+    deadline = time.monotonic() + 60
+    while not list(output.parent.glob(f".{output.name}.*.tmp")):
+        assert time.monotonic() < deadline and child.poll() is None
+        time.sleep(0.02)
+    return child
+
+
+@pytest.mark.parametrize("form", ("parquet", "csv", "mcap"))
+def test_terminated_leaves_nothing(tmp_path, form):
+    with waiting(tmp_path / f"run.{form}") as child:
         child.send_signal(signal.SIGTERM)
         _, said = child.communicate(timeout=60)
     assert child.returncode == 130 and b"Traceback" not in said
     assert not list(tmp_path.iterdir())
+
+
+def test_first_ctrl_c_in_a_pipe_is_the_simulator_s(tmp_path):
+    with waiting(tmp_path / "run.mcap") as child:
+        child.send_signal(signal.SIGINT)
+        time.sleep(0.2)
+        _, said = child.communicate(cbor2.dumps({"end": "interrupted", "items": 4500}), timeout=60)
+    assert child.returncode == 0 and b"interrupted after 4500 step items" in said
+    assert len(McapRead(tmp_path / "run.mcap").messages["/steps"]) == 4500
+
+
+@pytest.mark.parametrize("form", ("parquet", "csv", "mcap"))
+def test_full_disk_leaves_nothing(tmp_path, form):
+    (tmp_path / "run.cbor").write_bytes(Log(nodes=40, steps=400).data())
+    (tmp_path / "out").mkdir()
+    script = f"ulimit -f 200; exec {sys.executable} -m meshkal_log.converting {tmp_path}/run.cbor -o {tmp_path}/out/run.{form}"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, env={"PYTHONPATH": str(PACKAGE)}, timeout=60, check=False)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "too large" in done.stderr, done.stderr
+    assert list((tmp_path / "out").iterdir()) == []
 
 
 MEASURE = """

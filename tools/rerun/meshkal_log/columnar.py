@@ -12,7 +12,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from .fields import Batch, Header
-from .layout import Axis
+from .layout import Axis, as_texts
 from .run import times
 from .tables import TIME_COLUMNS, Column, Table
 
@@ -69,9 +69,9 @@ class _TableWriter:
 
 
 class _ParquetTable(_TableWriter):
-    def __init__(self, table: Table, header: Header, folder: Path, metadata: dict[str, str]) -> None:
+    def __init__(self, table: Table, header: Header, folder: Path, header_item: dict) -> None:
         super().__init__(table, header)
-        self.schema = self.schema.with_metadata(metadata)
+        self.schema = self.schema.with_metadata(as_texts(header_item))
         # Numbers that hardly repeat only lose time in a dictionary.
         repeated = [c.name for c in (*TIME_COLUMNS, *table.fixed)] + [c.name for c in table.changing if c.dtype.kind == "u"]
         self._writer = pa.parquet.ParquetWriter(
@@ -81,13 +81,13 @@ class _ParquetTable(_TableWriter):
     def put(self, rows: pa.Table) -> None:
         self._writer.write_table(rows)
 
-    def close(self, last: dict[str, str]) -> None:
-        self._writer.add_key_value_metadata(last)
+    def close(self, last: dict) -> None:
+        self._writer.add_key_value_metadata(as_texts(last))
         self._writer.close()
 
 
 class _CsvTable(_TableWriter):
-    def __init__(self, table: Table, header: Header, folder: Path, _metadata: dict[str, str]) -> None:
+    def __init__(self, table: Table, header: Header, folder: Path, _header_item: dict) -> None:
         super().__init__(table, header)
         self._file = pa.OSFile(str(folder / f"{table.name}.{CSV}"), "wb")
         self._file.write((",".join(self.schema.names) + "\n").encode())
@@ -103,7 +103,7 @@ class _CsvTable(_TableWriter):
     def put(self, rows: pa.Table) -> None:
         self._writer.write_table(rows)
 
-    def close(self, _last: dict[str, str]) -> None:
+    def close(self, _last: dict) -> None:
         self._writer.close()
         self._file.close()
 
@@ -111,10 +111,10 @@ class _CsvTable(_TableWriter):
 class FolderWriter:
     """All tables. Two are written at a time, while the next batch is read."""
 
-    def __init__(self, form: str, folder: Path, header: Header, tables: Sequence[Table], metadata: dict[str, str]) -> None:
-        self._folder, self._form, self._metadata, self._tables = folder, form, metadata, tables
+    def __init__(self, form: str, folder: Path, header: Header, tables: Sequence[Table], header_item: dict) -> None:
+        self._folder, self._form, self._header_item, self._tables = folder, form, header_item, tables
         kind = _CsvTable if form == CSV else _ParquetTable
-        writers = [kind(table, header, folder, metadata) for table in tables]
+        writers = [kind(table, header, folder, header_item) for table in tables]
         # The longest first, so that both threads end at about the same time.
         self._writers = sorted(writers, key=lambda w: -w.table.rows * (len(w.table.columns) + len(TIME_COLUMNS)))
         self._pool = ThreadPoolExecutor(2)
@@ -129,15 +129,15 @@ class FolderWriter:
             future.result()
         self._pending = []
 
-    def finish(self, last: dict[str, str]) -> None:
+    def finish(self, last: dict) -> None:
         self._wait()
         for writer in self._writers:
             writer.close(last)
         if self._form == CSV:
             columns = {t.name: {c.name: {"unit": c.unit, "meaning": c.meaning} for c in (*TIME_COLUMNS, *t.columns)} for t in self._tables}
-            document = {**self._metadata, **last, "columns": columns}
+            document = {**self._header_item, **last, "columns": columns}
             with open(self._folder / HEADER_FILE, "w", encoding="utf-8", newline="\n") as out:
-                json.dump(document, out, indent=1, ensure_ascii=False)
+                json.dump(document, out, ensure_ascii=False, default=str)
                 out.write("\n")
 
     def stop(self) -> None:

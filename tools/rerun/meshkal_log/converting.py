@@ -2,9 +2,7 @@
 """Turns a log into CSV, Parquet or MCAP (tables.md), whole or not at all."""
 
 import argparse
-import json
 import os
-import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,6 +12,7 @@ from .opening import Source, batches_of, opened
 from .output import whole_file, whole_folder
 from .reader import LogError, LogReader
 from .run import nothing
+from .signals import interruptible
 from .tables import tables_of
 
 PROGRAM = "meshkal-rerun convert"
@@ -44,13 +43,13 @@ def convert(
             from .mcap_file import McapFile
 
             with whole_file(output) as temporary:
-                _write(McapFile(temporary, reader.header, first[1], header_texts(reader)), reader, first, batches, progress)
+                _write(McapFile(temporary, reader.header, first[1], reader.header_item), reader, first, batches, progress)
         else:
             from .columnar import FolderWriter, own_files
 
             with whole_folder(output, own_files(form)) as temporary:
                 tables = tables_of(reader.header, first[1])
-                _write(FolderWriter(form, temporary, reader.header, tables, header_texts(reader)), reader, first, batches, progress)
+                _write(FolderWriter(form, temporary, reader.header, tables, reader.header_item), reader, first, batches, progress)
         return reader.warnings
 
 
@@ -66,14 +65,9 @@ def _write(writer: object, reader: LogReader, first: tuple[int, Batch], batches:
             if following is None:
                 break
             number, batch = following
-        writer.finish({"end": reader.end or "cut", "warnings": json.dumps(reader.warnings, ensure_ascii=False)})
+        writer.finish({"end": reader.end or "cut", "warnings": reader.warnings})
     finally:
         writer.stop()
-
-
-def header_texts(reader: LogReader) -> dict[str, str]:
-    """The header of the log as texts: text as it is, everything else as JSON."""
-    return {str(key): value if isinstance(value, str) else json.dumps(value, default=str) for key, value in reader.header_item.items()}
 
 
 def form_of(output: Path, to: str | None) -> str:
@@ -107,10 +101,9 @@ def main(options: argparse.Namespace) -> int:
     """Exit status: 0 done, 2 nothing written, 130 interrupted."""
     shown = options.log[0] if len(options.log) == 1 else "joined logs"
     logs = [sys.stdin.buffer if log == "-" else log for log in options.log]
-    # SIGTERM cleans up as Ctrl-C does.
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        warnings = convert(logs[0] if len(logs) == 1 else logs, options.output, to=options.to, run=options.run)
+        with interruptible("-" in options.log):
+            warnings = convert(logs[0] if len(logs) == 1 else logs, options.output, to=options.to, run=options.run)
     except KeyboardInterrupt:
         return 130
     except LogError as error:
@@ -119,8 +112,6 @@ def main(options: argparse.Namespace) -> int:
     except OSError as error:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return 2
-    finally:
-        signal.signal(signal.SIGTERM, before)
     for text in warnings:
         print(f"{PROGRAM}: {shown}: warning: {text}", file=sys.stderr)
     return 0

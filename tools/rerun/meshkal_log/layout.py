@@ -114,6 +114,11 @@ def scenario_of(header: Header) -> dict:
     return document if isinstance(document, dict) else {}
 
 
+def as_texts(items: dict) -> dict[str, str]:
+    """For metadata that can only be text: text as it is, everything else as JSON."""
+    return {str(key): value if isinstance(value, str) else json.dumps(value, default=str) for key, value in items.items()}
+
+
 def states_of(header: Header) -> States:
     """Of a linear scenario, whose states have no names, their numbers. Names that cannot be parts of a column's are numbers, too."""
     model = scenario_of(header).get("model")

@@ -15,7 +15,8 @@ from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
 from .fields import Batch, Header
-from .messages import PACKAGE, Messages
+from .layout import as_texts
+from .messages import Messages
 from .reader import LogError
 from .run import times
 from .tables import TIME_COLUMNS, tables_of
@@ -30,7 +31,7 @@ _LARGEST_TIME_S = 9.2e9
 class McapFile:
     """`batch` for each batch of a run, then `finish`; `stop` in any case."""
 
-    def __init__(self, path: Path, header: Header, first: Batch, metadata: dict[str, str]) -> None:
+    def __init__(self, path: Path, header: Header, first: Batch, header_item: dict) -> None:
         self._header = header
         tables = tables_of(header, first)
         self._messages = Messages(header, tables)
@@ -46,7 +47,7 @@ class McapFile:
         self._out = open(path, "wb")
         self._out.write(MCAP0_MAGIC)
         self._put(records.Header(profile="", library=f"meshkal, {header.program}"))
-        self._describe("meshkal", metadata)
+        self._describe("meshkal", header_item)
         self._describe("meshkal units", units)
         self._schemas, self._channels = self._declare()
         for record in (*self._schemas, *self._channels):
@@ -111,11 +112,11 @@ class McapFile:
         index["entries"]["offset"] = self._messages.offsets[:, None] + np.uint64(self._messages.step_bytes) * np.arange(len(log_time), dtype=np.uint64)
         return index
 
-    def finish(self, last: dict[str, str]) -> None:
+    def finish(self, last: dict) -> None:
         while self._pending:
             self._chunk(*self._pending.popleft())
-        shift = {"log_time_is_later_by_s": repr(self._shift_s)} if self._shift_s else {}
-        self._describe("meshkal end", {**last, "run": str(self._run), **shift})
+        shift = {"log_time_is_later_by_s": self._shift_s} if self._shift_s else {}
+        self._describe("meshkal end", {**last, "run": self._run, **shift})
         self._put(records.DataEnd(0))
         self._summary()
         self._out.close()
@@ -150,9 +151,9 @@ class McapFile:
         crc = zlib.crc32(whole[:-4], zlib.crc32(data))
         self._out.write(whole[:-4] + crc.to_bytes(4, "little") + MCAP0_MAGIC)
 
-    def _describe(self, name: str, texts: dict[str, str]) -> None:
+    def _describe(self, name: str, items: dict) -> None:
         offset = self._out.tell()
-        self._put(records.Metadata(name=name, metadata=texts))
+        self._put(records.Metadata(name=name, metadata=as_texts(items)))
         self._metadata.append(records.MetadataIndex(offset=offset, length=self._out.tell() - offset, name=name))
 
     def _put(self, record: records.McapRecord) -> None:
@@ -167,6 +168,3 @@ class McapFile:
 
 def _compressed(data: np.ndarray) -> tuple[bytes, int]:
     return pa.compress(data, codec=_COMPRESSION, asbytes=True), zlib.crc32(data)
-
-
-__all__ = ["PACKAGE", "McapFile"]

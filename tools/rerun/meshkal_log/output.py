@@ -19,8 +19,9 @@ def whole_file(output: Path) -> Iterator[Path]:
     if output.is_dir():
         raise IsADirectoryError(f"{output} is a directory")
     temporary = _beside(output, "tmp")
-    temporary.touch()
     try:
+        # Where the file cannot be made, Python says so more clearly than what will write to it.
+        temporary.touch()
         yield temporary
         os.replace(temporary, output)
     finally:
@@ -32,16 +33,16 @@ def whole_folder(output: Path, own: Collection[str]) -> Iterator[Path]:
     """The same of a folder. One that is there is replaced if all that is in it has a name of `own`; otherwise OSError is raised."""
     _check_replaceable(output, own)
     temporary, old = _beside(output, "tmp"), _beside(output, "old")
-    temporary.mkdir()
     try:
+        temporary.mkdir()
         yield temporary
         _check_replaceable(output, own)
-        if output.exists():
-            os.rename(output, old)
         try:
+            if output.exists():
+                os.rename(output, old)
             os.rename(temporary, output)
         except BaseException:
-            if old.exists():
+            if old.exists() and not output.exists():
                 os.rename(old, output)
             raise
     finally:
