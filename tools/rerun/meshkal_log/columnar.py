@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet
 
@@ -40,7 +41,7 @@ class _TableWriter:
 
     def write(self, run: int, batch: Batch) -> None:
         for columns in self._slices(run, batch):
-            self.put(pa.Table.from_arrays(columns, schema=self.schema))
+            self.put(columns)
 
     def _slices(self, run: int, batch: Batch) -> Iterator[list[pa.Array]]:
         rows, seconds = self.table.rows, times(batch, self._header)
@@ -51,8 +52,8 @@ class _TableWriter:
             fixed = iter(self._fixed(count))
             yield [
                 pa.array(np.full(count * rows, run, dtype=np.int64)),
-                pa.array(np.repeat(batch.step[steps], rows)),
-                pa.array(np.repeat(seconds[steps], rows)),
+                self._of_steps(batch.step[steps], rows),
+                self._of_steps(seconds[steps], rows),
                 *(next(fixed) if c.fixed is not None else self._array(np.ascontiguousarray(c.values(batch, steps)).reshape(-1)) for c in self.table.columns),
             ]
 
@@ -67,6 +68,9 @@ class _TableWriter:
     def _array(self, values: np.ndarray) -> pa.Array:
         return pa.array(values)
 
+    def _of_steps(self, values: np.ndarray, rows: int) -> pa.Array:
+        return pa.array(np.repeat(values, rows))
+
 
 class _ParquetTable(_TableWriter):
     def __init__(self, table: Table, header: Header, folder: Path, header_item: dict) -> None:
@@ -78,8 +82,8 @@ class _ParquetTable(_TableWriter):
             folder / f"{table.name}.{PARQUET}", self.schema, compression="zstd", compression_level=1, use_dictionary=repeated
         )
 
-    def put(self, rows: pa.Table) -> None:
-        self._writer.write_table(rows)
+    def put(self, rows: list[pa.Array]) -> None:
+        self._writer.write_table(pa.Table.from_arrays(rows, schema=self.schema))
 
     def close(self, last: dict) -> None:
         self._writer.add_key_value_metadata(as_texts(last))
@@ -87,24 +91,33 @@ class _ParquetTable(_TableWriter):
 
 
 class _CsvTable(_TableWriter):
+    """Readers guess a column's type by its first rows: what is a real number is always written as one, with a point or an exponent."""
+
     def __init__(self, table: Table, header: Header, folder: Path, _header_item: dict) -> None:
         super().__init__(table, header)
         self._file = pa.OSFile(str(folder / f"{table.name}.{CSV}"), "wb")
         self._file.write((",".join(self.schema.names) + "\n").encode())
-        options = pa.csv.WriteOptions(include_header=False, quoting_style="none")
-        self._writer = pa.csv.CSVWriter(self._file, self.schema, write_options=options)
 
-    def _field(self, column: Column) -> pa.Field:
-        return pa.field(column.name, pa.uint8() if column.dtype == bool else pa.from_numpy_dtype(column.dtype))
+    def put(self, rows: list[pa.Array]) -> None:
+        options = pa.csv.WriteOptions(include_header=False, quoting_style="none")
+        pa.csv.write_csv(pa.Table.from_arrays(rows, names=self.schema.names), self._file, options)
 
     def _array(self, values: np.ndarray) -> pa.Array:
-        return pa.array(values.view(np.uint8) if values.dtype == bool else values)
+        if values.dtype.kind != "f":
+            return pa.array(values.view(np.uint8) if values.dtype == bool else values)
+        nan, whole = np.isnan(values), np.rint(values) == values
+        if not nan.any() and not whole.any():
+            return pa.array(values)
+        text = pc.if_else(nan, "NaN", pc.cast(pa.array(values), pa.string()))
+        if whole.any():
+            bare = pc.match_substring_regex(text, "^-?[0-9]+$")
+            text = pc.if_else(bare, pc.binary_join_element_wise(text, ".0", ""), text)
+        return text
 
-    def put(self, rows: pa.Table) -> None:
-        self._writer.write_table(rows)
+    def _of_steps(self, values: np.ndarray, rows: int) -> pa.Array:
+        return self._array(values).take(pa.array(np.repeat(np.arange(len(values)), rows)))
 
     def close(self, _last: dict) -> None:
-        self._writer.close()
         self._file.close()
 
 

@@ -46,7 +46,7 @@ class McapFile:
         self._steps, self._run = 0, 0
         self._out = open(path, "wb")
         self._out.write(MCAP0_MAGIC)
-        self._put(records.Header(profile="", library=f"meshkal, {header.program}"))
+        self._put(records.Header(profile="", library="meshkal-rerun"))
         self._describe("meshkal", header_item)
         self._describe("meshkal units", units)
         self._schemas, self._channels = self._declare()
