@@ -8,8 +8,8 @@ from synthetic_tracking import TrackingLog
 
 EACH = ("error", "nees", "trace_covariance", "theta", "tolerance", "nis", "nis_rows", "frozen", "faults", "gate_stacked_ratio")
 STEP = ("disagreement",)
-NODE = ("measuring", "faulty", "innovation", "azimuth_deg", "elevation_deg")
-ROW = ("measurements", "fault")
+NODE = ("measuring", "faulty", "azimuth_deg", "elevation_deg")
+ROW = ("measurements", "fault", "innovation", "innovation_variance")
 SLOT = ("measurements_arrived", "estimates_arrived", "messages_arrived", "decision", "gate_ratio", "weight", "weight_statistic", "excluded",
         "isolation", "end_ratio")
 NAVIGATION = ("roll pitch heading velocity_east velocity_north velocity_up east north up gyro_bias_right gyro_bias_forward gyro_bias_up "
@@ -59,6 +59,7 @@ LOGS = {
     "no truth": lambda: Log(nodes=3, steps=5, truth=False, position_states=None, positions=None),
     "three coordinates": lambda: Log(nodes=3, steps=5, position_states=(2, 0, 1), positions="3d"),
     "one node": lambda: Log(nodes=1, steps=5),
+    "an older log": lambda: Log(nodes=3, steps=5, bands=False),
     "one step": lambda: Log(nodes=2, steps=1),
     "frozen": frozen,
     "some nodes": mixed_rows,
@@ -91,6 +92,15 @@ def stored(log: Log, key: str, run: int = 0) -> np.ndarray:
     return np.ascontiguousarray(log.arrays[key][run]).astype(log.type_of(key)).reshape(log.header["steps"], -1)
 
 
+def beside_measurements(log: Log, values: np.ndarray) -> np.ndarray:
+    """Innovations of the estimators' own rows among the rows of all nodes."""
+    h = log.header
+    if values.shape[1] == sum(h["rows"]):
+        return values
+    rows, columns = [node for node, count in enumerate(h["rows"]) for _ in range(count)], iter(values.T)
+    return np.array([next(columns) if node in h["estimator_nodes"] else np.full(len(values), np.nan) for node in rows]).T.astype(values.dtype)
+
+
 def expected(log: Log, run: int = 0) -> dict[str, dict[str, np.ndarray]]:
     """By table and column: (T, rows of the table)."""
     h, steps = log.header, log.header["steps"]
@@ -110,7 +120,7 @@ def expected(log: Log, run: int = 0) -> dict[str, dict[str, np.ndarray]]:
         if key in ("truth", "correction"):
             columns = {f"{key}_{name}": value[:, i : i + 1] for i, name in enumerate(state_names(log))}
             table = "steps"
-        elif key == "estimate":
+        elif key in ("estimate", "variance"):
             value = value.reshape(steps, h["estimators"], -1)
             table, columns = "nodes", {f"{key}_{name}": value[:, :, i] for i, name in enumerate(state_names(log))}
         elif key == "position_covariance":
@@ -123,7 +133,7 @@ def expected(log: Log, run: int = 0) -> dict[str, dict[str, np.ndarray]]:
             of = {"nodes": EACH, "steps": STEP, "sensors": NODE, "readings": ROW, "links": SLOT, "innovation_covariance": ("innovation_covariance",)}
             table = next((t for t, some in of.items() if key in some), "nodes" if key.startswith("monitor_") else None)
             assert table, key
-            columns = {key: value}
+            columns = {key: beside_measurements(log, value) if key.startswith("innovation") and table == "readings" else value}
         out.setdefault(table, {}).update(columns)
     seconds = stored(log, "time_s", run)[:, 0] if "time_s" in log.arrays else np.arange(steps) * h["dt_s"]
     for table, columns in list(out.items()):

@@ -10,7 +10,7 @@ import tracemalloc
 import cbor2
 import numpy as np
 import pytest
-from logs_of_all_kinds import LOGS, state_names, stored
+from logs_of_all_kinds import LOGS, beside_measurements, state_names, stored
 from readback import PACKAGE
 from synthetic import Log
 from synthetic_tracking import TrackingLog
@@ -47,12 +47,14 @@ def test_every_array(name):
     assert set(run) == log.arrays.keys() - {"time_s"} and len(run) == len(set(run))
     for key in run:
         wanted = stored(log, key)
-        if key == "estimate":
+        if key in ("estimate", "variance"):
             wanted = wanted.reshape(steps, e, n)
         elif key == "position_covariance":
             wanted = symmetric(wanted.reshape(steps * e, -1), p).reshape(steps, e, p, p)
         elif key == "innovation_covariance":
             wanted = symmetric(wanted, h["nodes"])
+        elif key in ("innovation", "innovation_variance"):
+            wanted = beside_measurements(log, wanted)
         elif key == "disagreement":
             wanted = wanted[:, 0]
         np.testing.assert_array_equal(run[key], wanted)

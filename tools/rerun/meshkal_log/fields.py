@@ -81,6 +81,11 @@ class Header:
         """Where each estimator's slots start in an array over the slots of all estimators."""
         return np.concatenate(([0], np.cumsum([len(s) for s in self.slots])[:-1])).astype(np.intp)
 
+    @property
+    def own_rows(self) -> tuple[int, ...]:
+        """How many numbers of `innovation` each estimator of a linear log has: rows of its own sensor, of a centre those of all."""
+        return (sum(self.rows),) if self.central else tuple(self.rows[k] for k in self.estimator_nodes)
+
     def sensor_number(self, node: int) -> int:
         return self.satellites[node] if self.satellites else node
 
@@ -108,9 +113,13 @@ class Batch:
     truth: np.ndarray | None = None
     error: np.ndarray | None = None
     estimates_arrived: np.ndarray | None = None
+    variance: np.ndarray | None = None  # (T, E, n), the diagonal of the covariance
     position_covariance: np.ndarray | None = None  # (T, E, p (p + 1) / 2), rows of the lower triangle
     fault: np.ndarray | None = None  # (T, rows of all nodes): what was added to the readings
     frozen: np.ndarray | None = None
+    # Of a linear log: (T, sum of own_rows); of a navigation log only the first: (T, N). NaN: no reading.
+    innovation: np.ndarray | None = None
+    innovation_variance: np.ndarray | None = None
     # Of a tracking log, some of them also of a navigation log.
     time_s: np.ndarray | None = None  # (T,)
     measuring: np.ndarray | None = None  # (T, N)
@@ -125,7 +134,6 @@ class Batch:
     # Of a navigation log: (T, N).
     azimuth_deg: np.ndarray | None = None
     elevation_deg: np.ndarray | None = None
-    innovation: np.ndarray | None = None
     innovation_covariance: np.ndarray | None = None  # (T, N (N + 1) / 2), rows of the lower triangle
     correction: np.ndarray | None = None  # (T, n)
     # Of filters that weigh readings: (T, slots).
@@ -152,9 +160,9 @@ class Decision(IntEnum):
     NONE, USED, REJECTED, INFLATED, REFUSED, LOST = range(6)
 
 
-_OPTIONAL = ("truth", "error", "estimates_arrived", "position_covariance", "fault", "weight", "weight_statistic")
+_OPTIONAL = ("truth", "error", "estimates_arrived", "variance", "position_covariance", "fault", "weight", "weight_statistic")
 _OPTIONAL_OF = {
-    LINEAR: ("frozen",),
+    LINEAR: ("innovation", "innovation_variance", "frozen"),
     TRACKING: ("theta", "tolerance", "nees", "messages_arrived", "disagreement", "consensus_disagreement"),
     NAVIGATION: ("nees", "innovation", "innovation_covariance", "correction"),
 }
@@ -177,6 +185,7 @@ def lengths(header: Header) -> dict[str, tuple[np.dtype, int]]:
         # A navigation filter computes the error of an estimate that is float64 in any precision.
         "estimate": (double if header.navigation else real, e * header.states),
         "error": (double, e),
+        "variance": (real, e * header.states),
         "trace_covariance": (real, e),
         "position_covariance": (real, e * header.positions * (header.positions + 1) // 2),
         "nis": (real, e),
@@ -187,6 +196,7 @@ def lengths(header: Header) -> dict[str, tuple[np.dtype, int]]:
         "weight_statistic": (real, slots),
     }
     network = {"estimates_arrived": (byte, slots), "theta": (real, e), "tolerance": (real, e)}
+    own = {"innovation": (real, sum(header.own_rows)), "innovation_variance": (real, sum(header.own_rows))}
     timed = {"time_s": (double, 1), "decision": (byte, slots), "nees": (double, e)}
     tracking = {
         "measuring": (byte, header.nodes),
@@ -204,7 +214,7 @@ def lengths(header: Header) -> dict[str, tuple[np.dtype, int]]:
         "innovation_covariance": (real, header.nodes * (header.nodes + 1) // 2),
         "correction": (real, header.states),
     }
-    of_kind = {LINEAR: network | {"frozen": (byte, e)}, TRACKING: network | timed | tracking, NAVIGATION: timed | sky}
+    of_kind = {LINEAR: network | own | {"frozen": (byte, e)}, TRACKING: network | timed | tracking, NAVIGATION: timed | sky}
     return every | of_kind[header.kind] | monitor_lengths(header)
 
 

@@ -2,12 +2,13 @@
 """What each array of a log has one number of, its unit and its meaning: for `read`, for tables and for messages. Names are those of the log."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
 
-from .fields import Header
+from .fields import Batch, Header
+from .reader import LogError
 
 
 class Axis(Enum):
@@ -44,6 +45,7 @@ ARRAYS = {
     "consensus_disagreement": Array(_STEP, "largest relative distance of a node's information from the mean, after so many iterations", inner=Inner.ITERATIONS),
     "correction": Array(_STEP, "what the update found, in the error's states", inner=Inner.STATES),
     "estimate": Array(_EACH, "estimated state", inner=Inner.STATES),
+    "variance": Array(_EACH, "diagonal of the covariance that the node holds", inner=Inner.STATES),
     "error": Array(_EACH, "length of truth less estimate; navigation: of the position"),
     "nees": Array(_EACH, "normalised estimation error squared"),
     "trace_covariance": Array(_EACH, "trace of the covariance that the node holds"),
@@ -66,11 +68,12 @@ ARRAYS = {
     "monitor_median": Array(_EACH, "its median"),
     "measuring": Array(_NODE, "the sensor gave a reading", flag=True),
     "faulty": Array(_NODE, "a fault was drawn for the reading", flag=True),
-    "innovation": Array(_NODE, "pseudorange less its prediction, NaN where there is none", "m"),
     "azimuth_deg": Array(_NODE, "of the satellite, clockwise from north", "deg"),
     "elevation_deg": Array(_NODE, "of the satellite", "deg"),
     "measurements": Array(_ROW, "reading, NaN where there is none"),
     "fault": Array(_ROW, "what faults added to the reading"),
+    "innovation": Array(_ROW, "reading less its prediction by the node's estimator, NaN where there is none"),
+    "innovation_variance": Array(_ROW, "variance of the innovation by the estimator"),
     "measurements_arrived": Array(_SLOT, "the reading was used, or left out as excluded", flag=True),
     "estimates_arrived": Array(_SLOT, "the estimate was used", flag=True),
     "messages_arrived": Array(_SLOT, "how many messages of the neighbour arrived"),
@@ -151,6 +154,26 @@ def slot_estimator(header: Header) -> np.ndarray:
 def slot_node(header: Header) -> np.ndarray:
     """Which node each slot listens to."""
     return np.array([node for slots in header.slots for node in slots], dtype=np.int32)
+
+
+def whole_rows(batch: Batch, header: Header) -> Batch:
+    """Innovations beside the measurements: a column for each of their rows, NaN for those of nodes that have no estimator in the log."""
+    rows = sum(header.rows)
+    if header.navigation and set(header.rows) != {1}:
+        raise LogError("header: a satellite of a navigation log has one row")
+    if header.central or sum(header.own_rows) == rows:
+        return batch
+    of_row = row_node(header)
+    own = np.concatenate([np.flatnonzero(of_row == node) for node in header.estimator_nodes])
+
+    def whole(values: np.ndarray | None) -> np.ndarray | None:
+        if values is None:
+            return None
+        out = np.full((len(values), rows), np.nan, dtype=values.dtype)
+        out[:, own] = values
+        return out
+
+    return replace(batch, innovation=whole(batch.innovation), innovation_variance=whole(batch.innovation_variance))
 
 
 def row_node(header: Header) -> np.ndarray:

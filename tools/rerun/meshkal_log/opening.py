@@ -11,6 +11,7 @@ from typing import BinaryIO
 
 from .fields import Batch, lengths
 from .joined import JoinedReader
+from .layout import whole_rows
 from .reader import LogError, LogReader
 
 Source = str | os.PathLike | BinaryIO
@@ -73,11 +74,11 @@ class _OneRun(LogReader):
 
 
 def batches_of(reader: LogReader, run: int | None) -> Iterator[tuple[int, Batch]]:
-    """(run, batch) of one run, or of all, one after another, in one pass; `reader.end` and `reader.warnings` are whole afterwards."""
+    """(run, batch by `whole_rows`) of one run, or of all, one after another, in one pass; `reader.end` and `reader.warnings` are whole afterwards."""
     if run is not None:
         for batch in reader.batches(run):
-            yield run, batch
+            yield run, whole_rows(batch, reader.header)
         return
     for number, items in groupby(reader._steps(), key=itemgetter("run")):
         for batch in _OneRun(reader, items).batches(number):
-            yield number, batch
+            yield number, whole_rows(batch, reader.header)

@@ -27,12 +27,13 @@ class Run:
     this log has. The first axis is time (T steps). Of E estimators, n states, p position states, N nodes:
 
     - (T, E): error, trace_covariance, theta, tolerance, nis, nis_rows, faults, nees, monitor_...
-    - estimate (T, E, n); position_covariance (T, E, p, p), symmetric
+    - estimate, variance (T, E, n); position_covariance (T, E, p, p), symmetric
     - truth (T, n); disagreement (T,); consensus_disagreement (T, L + 1); correction (T, n)
-    - measurements, fault: (T, rows of all nodes); `row_node` says whose a row is
+    - measurements, fault, innovation, innovation_variance: (T, rows of all nodes); `row_node` says whose a row is. Innovations are those of the
+      estimator of the row's node, NaN if it has none in this log
     - measurements_arrived, estimates_arrived, decision, weight and others of links: (T, slots); `slot_estimator` and
       `slot_node` say which estimator a slot belongs to and which node it listens to
-    - measuring, faulty, innovation, azimuth_deg, elevation_deg: (T, N); innovation_covariance (T, N, N)
+    - measuring, faulty, azimuth_deg, elevation_deg: (T, N); innovation_covariance (T, N, N)
 
     What is 0 or 1 in the log is bool; real numbers have the log's precision."""
 

@@ -76,7 +76,8 @@ def tables_of(header: Header, batch: Batch) -> list[Table]:
 def _columns(key: str, dtype: np.dtype, states: States, header: Header) -> list[Column]:
     array = ARRAYS[key]
     if array.inner is Inner.STATES:
-        units = [""] * len(states.names) if key == "correction" and not header.navigation else states.units
+        squared = {"": "", **{unit: f"({unit})^2" if "/" in unit else f"{unit}^2" for unit in states.units if unit}}
+        units = [squared[unit] for unit in states.units] if key == "variance" else states.units
         return [Column(f"{key}_{name}", dtype, unit, array.meaning, key, i) for i, (name, unit) in enumerate(zip(states.names, units))]
     if array.inner is Inner.POSITION:
         unit = "m^2" if header.timed else ""
@@ -84,7 +85,7 @@ def _columns(key: str, dtype: np.dtype, states: States, header: Header) -> list[
         return [Column(f"{key}_{states.position[j]}_{states.position[i]}", dtype, unit, array.meaning, key, at) for at, (i, j) in enumerate(places)]
     if array.inner is Inner.ITERATIONS:
         return [Column(f"{key}_{i}", dtype, array.unit, array.meaning, key, i) for i in range(header.iterations + 1)]
-    unit = "m" if key == "error" and header.navigation else array.unit
+    unit = "m" if header.navigation and key in ("error", "measurements", "fault", "innovation") else array.unit
     return [Column(key, dtype, unit, array.meaning, key)]
 
 
