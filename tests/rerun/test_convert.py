@@ -23,9 +23,10 @@ from mcap.data_stream import ReadDataStream
 from mcap.reader import make_reader
 from mcap.records import Chunk, Message, MessageIndex
 from mcap.stream_reader import StreamReader
-from readback import PACKAGE
+from readback import PACKAGE, command
 from synthetic import Log, typed
 from synthetic_tracking import TrackingLog
+from test_some_nodes import one_by_one
 
 import meshkal_log
 from meshkal_log import LogError, reader
@@ -379,28 +380,37 @@ def test_folder_with_other_files_is_left_alone(tmp_path):
     assert (tmp_path / "empty/nodes.csv").is_file()
 
 
-def command(*arguments, stdin: bytes | None = None) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [sys.executable, "-m", "meshkal_log.converting", *map(str, arguments)],
-        input=stdin, capture_output=True, env={"PYTHONPATH": str(PACKAGE)}, timeout=120, check=False,
-    )
-
-
 @pytest.mark.parametrize("form", ("parquet", "csv", "mcap"))
 def test_not_a_log(tmp_path, form):
     (tmp_path / "text.cbor").write_text("hello")
-    done = command(tmp_path / "text.cbor", "-o", tmp_path / f"run.{form}")
+    done = command("convert", tmp_path / "text.cbor", "-o", tmp_path / f"run.{form}")
     assert done.returncode == 2 and b"not a Meshkal log" in done.stderr and b"Traceback" not in done.stderr
-    done = command(tmp_path / "missing.cbor", "-o", tmp_path / f"run.{form}")
+    done = command("convert", tmp_path / "missing.cbor", "-o", tmp_path / f"run.{form}")
     assert done.returncode == 2 and b"missing.cbor" in done.stderr
+    done = command("convert", tmp_path / "text.cbor", "-o", tmp_path / "run.mcpa")
+    assert done.returncode == 2 and b"say --to" in done.stderr
+    done = command("convert", tmp_path / "text.cbor", "-o", tmp_path / f"run.{form}", "--run", "x")
+    assert done.returncode == 2 and b"not a run number" in done.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["text.cbor"]
 
 
 def test_standard_input_and_warnings_of_the_command(tmp_path):
     log = Log(nodes=2, steps=3)
-    done = command("-", "-o", tmp_path / "run.mcap", stdin=b"".join(log.items()[:-1]))
+    done = command("convert", "-", "-o", tmp_path / "run.mcap", stdin=b"".join(log.items()[:-1]))
     assert done.returncode == 0 and b"warning: the log was cut" in done.stderr
     assert len(McapRead(tmp_path / "run.mcap").messages["/steps"]) == 3
+
+
+def test_all_runs_and_logs_of_nodes_on_the_command_line(tmp_path):
+    (tmp_path / "run.cbor").write_bytes(Log(nodes=2, steps=3, runs=2).data())
+    done = command("convert", tmp_path / "run.cbor", "-o", tmp_path / "all", "--to", "csv", "--run", "all")
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert len(read_csv(tmp_path / "all")["nodes"]["step"]) == 12
+    done = command("convert", *one_by_one(tmp_path), "-o", tmp_path / "joined")
+    assert done.returncode == 0 and done.stderr.count(b"joined logs: warning: ") == 2
+    found = read_parquet(tmp_path / "joined")
+    same(found["nodes"]["theta"].reshape(-1, 5)[:, 3], Log(nodes=5, truth=False).arrays["theta"][0, :, 3], False)
+    same(found["readings"]["innovation"].reshape(-1, 5)[:, 3], Log(nodes=5, truth=False).arrays["innovation"][0, :, 3], False)
 
 
 def waiting(output: Path) -> subprocess.Popen:

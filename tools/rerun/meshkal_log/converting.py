@@ -117,7 +117,12 @@ def main(options: argparse.Namespace) -> int:
     return 0
 
 
+def command(arguments: list[str] | None = None) -> int:
+    """The command with these arguments, those after its name."""
+    parser = argparse.ArgumentParser(prog=PROGRAM)
+    add_arguments(parser)
+    return main(parser.parse_args(arguments))
+
+
 if __name__ == "__main__":
-    _parser = argparse.ArgumentParser(prog="python -m meshkal_log.converting")
-    add_arguments(_parser)
-    sys.exit(main(_parser.parse_args()))
+    sys.exit(command())

@@ -10,6 +10,7 @@ from typing import BinaryIO
 
 import rerun as rr
 
+from meshkal_log import converting
 from meshkal_log.reader import LogError
 from meshkal_log.signals import interruptible
 
@@ -22,6 +23,9 @@ EXIT_INTERRUPTED = 130
 
 
 def main(arguments: list[str] | None = None) -> int:
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if arguments[:1] == ["convert"]:
+        return converting.command(arguments[1:])
     options = _options(arguments)
     shown = options.log[0] if len(options.log) == 1 else "joined logs"
     # Without it, rerun only warns about what it could not record, and the file would lack data.
