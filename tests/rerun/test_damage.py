@@ -19,7 +19,7 @@ KINDS = {
     "linear": lambda: Log(nodes=3, steps=4),
     "central": lambda: Log(nodes=2, steps=4, filter="rkfc", real="float32"),
     "tracking": lambda: TrackingLog(sensors=("range", "bearing", "none"), steps=4),
-    "navigation": lambda: NavigationLog(steps=4),
+    "navigation": lambda: NavigationLog(steps=6),
 }
 
 

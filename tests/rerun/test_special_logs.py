@@ -17,7 +17,7 @@ KINDS = [Log, lambda **options: Log(filter="kfc", **options), TrackingLog, Navig
 @pytest.mark.parametrize("end", ["complete", "interrupted", None])
 def test_no_steps(tmp_path, kind, end):
     """A run that has only begun: what is known of it is shown."""
-    items = kind(steps=2).items()
+    items = kind(steps=6).items()
     data = items[0] + (cbor2.dumps({"end": end, "items": 0}) if end else b"")
     (tmp_path / "run.cbor").write_bytes(data)
     done = command(tmp_path / "run.cbor")
@@ -25,7 +25,7 @@ def test_no_steps(tmp_path, kind, end):
     assert done.returncode == 0 and "warning: the log has no step of run 0 yet\n" in said
     assert ("the log was cut: it ends after 0 step items" in said) == (end is None)
     summary = Recording(tmp_path / "run.rrd").summary()
-    assert "**The log has no step of run 0**" in summary and "2 steps asked for" in summary
+    assert "**The log has no step of run 0**" in summary and "6 steps asked for" in summary
     assert "summary" in blueprint_text(Recording(tmp_path / "run.rrd"))
 
 
@@ -40,7 +40,7 @@ def test_a_run_that_has_not_begun(tmp_path):
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e308, 0.0])
 def test_numbers_that_are_none(tmp_path, kind, value):
     """Everything that a filter computes is not a number, or infinite, or too large."""
-    log = kind(steps=5)
+    log = kind(steps=6)
     for key, values in log.arrays.items():
         if np.dtype(log.type_of(key)).kind == "f" and key not in ("time_s",):
             log.arrays[key] = np.full(np.shape(values), value)
@@ -48,7 +48,7 @@ def test_numbers_that_are_none(tmp_path, kind, value):
     assert remarks == []
     who = "centre" if log.header["estimators"] == 1 else "node/1"
     shown = recording.series(f"trace_covariance/{who}")
-    assert len(shown) == 5
+    assert len(shown) == 6
     if np.isfinite(value) and log.real == "float64":
         np.testing.assert_array_equal(shown, value)
     else:
@@ -68,7 +68,7 @@ def test_one_node(tmp_path, filter, steps):
 @pytest.mark.parametrize("kind", KINDS)
 def test_fields_of_a_later_version(tmp_path, kind):
     """They are left out, and that is said once."""
-    log = kind(steps=4)
+    log = kind(steps=6)
     plain, _ = convert(log.data(), tmp_path / "plain.rrd")
     items = log.items()
     later = {"weather": "fair", "drift": typed([1.0, 2.0], "<f8"), "nested": {"a": [1, {}]}, "big": 1 << 80}
@@ -93,7 +93,7 @@ def test_a_later_format_is_refused(tmp_path, version):
 @pytest.mark.parametrize(("kind", "asked", "message"), [
     (Log, "4", "there is no node 4; the log has 0 to 3"),
     (lambda: Log(filter="kfc"), "9", "there is no node 9; the log has 0 to 3"),
-    (NavigationLog, "1", "there is no satellite 1; the log has "),
+    (NavigationLog, "99", "there is no satellite 99; the log has "),
 ])
 def test_a_node_that_is_not_there(tmp_path, kind, asked, message):
     (tmp_path / "run.cbor").write_bytes(kind().data())

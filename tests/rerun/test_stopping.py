@@ -182,7 +182,7 @@ def test_interrupted_at_any_moment(tmp_path, log, data, delay):
         assert process.returncode == 130 and os.listdir(tmp_path) == ["run.cbor"]
         return
     count = held(log, tmp_path / "run.rrd")
-    if process.returncode == 0:
+    if process.returncode in (0, -signal.SIGINT):  # when all was written, while Python ended
         assert stderr == "" and count == STEPS
     else:
         assert process.returncode == 130 and stderr.count("\n") == 1

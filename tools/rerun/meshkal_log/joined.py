@@ -44,6 +44,8 @@ class JoinedReader(LogReader):
             slots |= zip(reader.header.estimator_nodes, reader.header.slots)
         nodes = tuple(sorted(slots))
         self.header = replace(first, estimators=len(nodes), estimator_nodes=nodes, slots=tuple(slots[k] for k in nodes))
+        own = {"estimators": len(nodes), "estimator_nodes": list(nodes), "slots": [list(slots[k]) for k in nodes]}
+        self.header_item = next(iter(readers.values())).header_item | own
         self.end, self.watch = None, None
         self.warnings, self.damage = [], []
         self.items, self._last, self._start = 0, None, None

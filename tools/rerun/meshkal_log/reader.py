@@ -44,6 +44,7 @@ class LogReader:
 
     stream: io.BufferedReader
     header: Header = field(init=False)
+    header_item: dict = field(init=False, repr=False)  # as it was written, with what `header` leaves out
     # "complete", "interrupted", "failed", "damaged", "stopped" by `watch`, or None if the log was cut
     end: str | None = field(init=False, default=None)
     warnings: list[str] = field(init=False, default_factory=list)
@@ -69,7 +70,7 @@ class LogReader:
             raise LogError("the input ends inside the header") from None
         except LogError:
             raise LogError("not a Meshkal log") from None
-        self.header = _header(item)
+        self.header, self.header_item = _header(item), item
         if hashlib.sha256(self.header.scenario.encode(errors="surrogatepass")).hexdigest() != self.header.scenario_sha256:
             self.warnings.append("the scenario in the log does not match its SHA-256")
 

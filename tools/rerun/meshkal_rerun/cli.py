@@ -10,9 +10,9 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
+from meshkal_log.interrupts import Interrupts
 from meshkal_log.reader import LogError
 
-from .interrupts import Interrupts
 from .views import VIEWS
 
 # rerun, pyarrow and matplotlib are imported where they are needed: they take longer than all the rest of a short command.
@@ -188,9 +188,7 @@ def _report(arguments: list[str]) -> int:
 def _convert(arguments: list[str]) -> int:
     from meshkal_log import converting
 
-    parser = argparse.ArgumentParser(prog=converting.PROGRAM)
-    converting.add_arguments(parser)
-    return converting.main(parser.parse_args(arguments))
+    return converting.command(arguments)
 
 
 _COMMANDS = {"report": _report, "convert": _convert}

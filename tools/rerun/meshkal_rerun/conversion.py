@@ -14,13 +14,13 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from meshkal_log.fields import Batch, Header
+from meshkal_log.interrupts import Interrupts
 from meshkal_log.joined import JoinedReader
+from meshkal_log.progress import Progress
 from meshkal_log.reader import LogError, LogReader
 from meshkal_log.scenario import Scenario, parse_scenario
 
-from .interrupts import Interrupts
 from .numbers.survey import Survey, focus, survey
-from .progress import Progress
 from .recording import begun, comparison
 from .recording.output import recording_file
 from .recording.recorder import Recorder, recording_id

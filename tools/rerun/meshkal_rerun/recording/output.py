@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Where recordings go: an .rrd file, whole or not at all, or standard output."""
 
-import os
 import sys
 import warnings
 from collections.abc import Iterator
@@ -12,32 +11,22 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 
+from meshkal_log.output import whole_file
+
 APPLICATION_ID = "meshkal"
 
 
 @contextmanager
 def recording_file(output: Path, recording_id: str, blueprint: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
     """A stream to log into. `output` is there when the block ends without an exception, and is as it was otherwise. Raises OSError."""
-    if output.is_dir():
-        raise IsADirectoryError(f"{output} is a directory")
     rec = _recording(recording_id)
-    # In the same directory, so that the rename is one step of the file system.
-    temporary = output.with_name(f".{output.name}.{os.getpid()}.tmp")
-    try:
-        # Where the file cannot be made, Python says so more clearly than rerun.
-        temporary.touch()
-    except OSError as error:
-        raise OSError(f"{output} cannot be written: {error.strerror}") from None
-    try:
+    with whole_file(output) as temporary:
         rec.save(temporary, default_blueprint=blueprint)
         try:
             yield rec
         finally:
             rec.disconnect()
         _check_whole(temporary)
-        os.replace(temporary, output)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Ctrl-C and its like: the first one ends the reading, and what was read is written; the next one ends the program and leaves nothing."""
 
+import io
 import os
 import signal
 
@@ -61,6 +62,10 @@ class Interrupts:
         finally:
             self._waiting = False
 
+    def stream(self, descriptor: int) -> io.BufferedReader:
+        """What reads of a descriptor by `read`."""
+        return io.BufferedReader(_Source(descriptor, self), 1 << 16)
+
     def _caught(self, number: int, _frame: object) -> None:
         if number == signal.SIGINT and self.spare:
             self.spare = False
@@ -70,3 +75,16 @@ class Interrupts:
         self._came = number
         if self._waiting:
             raise _Woken
+
+
+class _Source(io.RawIOBase):
+    def __init__(self, descriptor: int, interrupts: Interrupts) -> None:
+        self._descriptor, self._interrupts = descriptor, interrupts
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: memoryview) -> int:
+        data = self._interrupts.read(self._descriptor, len(buffer))
+        buffer[: len(data)] = data
+        return len(data)
