@@ -13,10 +13,10 @@ from pathlib import Path
 EXIT_DAMAGED = 1
 EXIT_NOT_OURS = 66
 
-# The first key of the header and its value, in CBOR, behind the byte or the bytes that begin a map.
+# The first key of the header and its value, in CBOR, behind what begins a map: one byte, or with a long count in it more.
 _MAGIC = b"\x66format\x6bmeshkal-log"
 _MAP_MAJOR_TYPE = 5
-_MAP_BEGINNING = 9
+_LONG_COUNTS = {24: 2, 25: 3, 26: 5, 27: 9}
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -42,10 +42,10 @@ def is_log(path: Path) -> bool:
         if not stat.S_ISREG(os.stat(path).st_mode):
             return False
         with open(path, "rb") as file:
-            first = file.read(_MAP_BEGINNING + len(_MAGIC))
+            first = file.read(max(_LONG_COUNTS.values()) + len(_MAGIC))
     except (OSError, ValueError):
         return False
-    return bool(first) and first[0] >> 5 == _MAP_MAJOR_TYPE and 0 < first.find(_MAGIC) <= _MAP_BEGINNING
+    return bool(first) and first[0] >> 5 == _MAP_MAJOR_TYPE and first.startswith(_MAGIC, _LONG_COUNTS.get(first[0] & 31, 1))
 
 
 def _to_stdout(options: argparse.Namespace) -> int:
