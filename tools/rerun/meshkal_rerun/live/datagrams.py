@@ -119,9 +119,8 @@ class Datagrams(Source):
 
     def _said(self, header: Header, item: object, data: bytes, sender: tuple) -> Iterator[Arrived]:
         """A sender has said who it is."""
-        if self._scenario is None:
-            self._scenario = header.scenario_sha256
-        if header.scenario_sha256 != self._scenario or len(header.estimator_nodes) != 1:
+        self._scenario = self._scenario or header.scenario_sha256
+        if header.scenario_sha256 != self._scenario or header.timed or len(header.estimator_nodes) != 1:
             self.counts["headers of another scenario, or not of a node"] += 1
             self._nodes.pop(sender, None)
             return

@@ -6,7 +6,7 @@ import time
 from dataclasses import replace
 
 from meshkal_log.fields import Header
-from meshkal_log.joined import JoinedReader
+from meshkal_log.joined import _OPTIONAL, JoinedReader
 
 # A step waits so long for nodes that have lately said something.
 _HOLD_S = 0.15
@@ -25,6 +25,8 @@ class Joining(JoinedReader):
         self._last: dict[int, tuple[int, int]] = {}
         self._open: dict[tuple[int, int], tuple[float, dict[int, dict]]] = {}
         self._shown = (-1, -1)
+        self._absent: set[str] | None = None  # arrays that no node had in the first step
+        self._needed = ("estimates_arrived", *(("position_covariance",) if first.positions else ()))
 
     def node(self, node: int, header: Header) -> bool:
         """Tells of a node. False if its links are not those of the scenario: it cannot be shown with the others."""
@@ -34,7 +36,7 @@ class Joining(JoinedReader):
         return True
 
     def put(self, node: int, item: dict, now: float) -> None:
-        if node not in self._headers:
+        if node not in self._headers or any(key not in item for key in self._needed):
             return
         at = (item["run"], item["step"])
         self._heard[node], self._last[node] = now, at
@@ -57,7 +59,9 @@ class Joining(JoinedReader):
                 break
             del self._open[at]
             self._shown = at
-            out.append(self._together(*at, [(self._headers[node], item) for node, item in parts.items()]))
+            if self._absent is None:
+                self._absent = {key for key in _OPTIONAL if not any(key in item for item in parts.values())}
+            out.append(self._together(*at, [(self._headers[node], item) for node, item in parts.items()], self._absent))
         return out
 
     def due(self) -> float:
