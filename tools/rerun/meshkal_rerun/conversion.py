@@ -1,23 +1,32 @@
 # SPDX-License-Identifier: MIT
-"""From logs to a recording in a file: a first reading finds what to show, a second one writes it."""
+"""From logs to a recording: a first reading finds what to show, a second one writes it."""
 
-import shutil
+import math
 import tempfile
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
+import rerun as rr
+import rerun.blueprint as rrb
+
+from meshkal_log.fields import Batch, Header
 from meshkal_log.joined import JoinedReader
 from meshkal_log.reader import LogError, LogReader
-from meshkal_log.scenario import parse_scenario
+from meshkal_log.scenario import Scenario, parse_scenario
 
-from .numbers.survey import focus, survey
-from .recording import comparison
+from .interrupts import Interrupts
+from .numbers.survey import Survey, focus, survey
+from .progress import Progress
+from .recording import begun, comparison
 from .recording.output import recording_file
 from .recording.recorder import Recorder, recording_id
 from .views.blueprint import blueprint
+
+_CHUNK = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -25,15 +34,42 @@ class Wanted:
     """What is to be shown."""
 
     run: int = 0
-    view: str | None = None  # of views.blueprint.VIEWS; None: chosen by what is in the log
-    nodes: tuple[int, ...] = ()  # to be named, before those that a survey finds
+    view: str | None = None  # of views.VIEWS; None: chosen by what is in the log
+    nodes: tuple[int, ...] = ()  # to be named, before those that a survey finds; satellites by their numbers
+
+
+@dataclass(frozen=True)
+class Converted:
+    remarks: list[str]  # for the user
+    damage: list[str]  # where logs are damaged, if they are
+    steps: tuple[int, int] | None  # the first and the last that the recording has
+    asked: int  # steps that the run should have, 0 where nobody said
+    stopped: str | None  # by which signal, before all was read
+
+    @property
+    def holds(self) -> str:
+        if self.steps is None:
+            return "no step"
+        first, last = self.steps
+        return f"step {first}" if first == last else f"steps {first} to {last}"
 
 
 class Logs:
     """Logs by their names, that can be read from their beginnings again. Input that cannot go back is kept in a temporary file."""
 
-    def __init__(self, streams: dict[str, BinaryIO], keep: ExitStack) -> None:
-        self._streams = {name: stream if stream.seekable() else _kept(stream, keep) for name, stream in streams.items()}
+    def __init__(self, streams: dict[str, BinaryIO], keep: ExitStack, interrupts: Interrupts | None = None) -> None:
+        self._interrupts = interrupts or Interrupts()  # never entered: none comes
+        self._streams = {name: stream if stream.seekable() else self._kept(name, stream, keep) for name, stream in streams.items()}
+        # Who writes into the pipe has ended.
+        self._interrupts.spare = False
+        self._sizes = {name: stream.seek(0, 2) for name, stream in self._streams.items()}
+        # A signal that ended the input lets what came be read.
+        self._limit = math.inf if self._interrupts.came else None
+        self._keep, self._progress = keep, None
+
+    @property
+    def stopped_by(self) -> str | None:
+        return self._interrupts.name if self._interrupts.came else None
 
     def open(self) -> tuple[LogReader, list[tuple[str, str, LogReader]]]:
         """The log that is shown, and names, labels and logs of those that it is compared with."""
@@ -44,49 +80,143 @@ class Logs:
                 readers[name] = LogReader(stream)
             except LogError as error:
                 raise LogError(f"{name}: {error}" if len(self._streams) > 1 else str(error)) from None
-        first = next(iter(readers.values()))
-        if len(readers) == 1:
-            return first, []
-        if first.header.timed:
-            return first, [(name, label, readers[name]) for name, label in comparison.labels(readers).items()]
-        return JoinedReader(readers), []
+        first, others = next(iter(readers.values())), []
+        if len(readers) > 1 and first.header.timed:
+            others = [(name, label, readers[name]) for name, label in comparison.labels(readers).items()]
+        elif len(readers) > 1:
+            first = JoinedReader(readers)
+        size = sum(self._sizes.values()) if isinstance(first, JoinedReader) else self._sizes[next(iter(readers))]
+        done = size if self._progress else 0
+        if not self._progress:
+            self._progress = Progress("reading", 2 * size + sum(self._sizes[name] for name, _, _ in others))
+            self._keep.callback(self._progress.close)
+        first.watch = partial(self._watch, done)
+        done += size
+        for name, _, other in others:
+            other.watch = partial(self._watch, done)
+            done += self._sizes[name]
+        return first, others
+
+    def _watch(self, done: int, reader: LogReader) -> bool:
+        """Reading stops at the first item after a signal; a later reading goes as far."""
+        self._progress.at(lambda: done + reader.position, reader.items - 1)
+        if self._interrupts.came and self._limit is None:
+            self._limit = reader.items
+        return self._limit is not None and reader.items >= self._limit
+
+    def _kept(self, name: str, stream: BinaryIO, keep: ExitStack) -> BinaryIO:
+        kept = keep.enter_context(tempfile.TemporaryFile())
+        progress = Progress(f"receiving {name}", None)
+        try:
+            while chunk := self._interrupts.read(stream.fileno(), _CHUNK):
+                kept.write(chunk)
+                progress.at(kept.tell)
+        finally:
+            progress.close()
+        kept.flush()
+        return open(kept.fileno(), "rb", closefd=False)
 
 
-def _kept(stream: BinaryIO, keep: ExitStack) -> BinaryIO:
-    kept = keep.enter_context(tempfile.TemporaryFile())
-    shutil.copyfileobj(stream, kept, 1 << 20)
-    kept.flush()
-    return open(kept.fileno(), "rb", closefd=False)
+@dataclass(frozen=True)
+class Plan:
+    """What a first reading of logs found, for the second one."""
+
+    header: Header
+    scenario: Scenario
+    found: Survey
+    named: tuple[int, ...]  # nodes
+    compared: tuple[str, ...]  # labels of other logs
 
 
-def convert(streams: dict[str, BinaryIO], output: Path, wanted: Wanted) -> list[str]:
-    """Writes the recording of one run and returns warnings for the user. Several logs: those of nodes of one network; or of filters for tracking
-    or navigation, the first of which is shown and the others are compared with it. Raises LogError or OSError and leaves `output` alone."""
+Into = Path | Callable[[str, rrb.Blueprint], AbstractContextManager[rr.RecordingStream]]
+
+
+def convert(streams: dict[str, BinaryIO], output: Into, wanted: Wanted, interrupts: Interrupts | None = None) -> Converted:
+    """Writes the recording of one run. Several logs: those of nodes of one network; or of filters for tracking or navigation, the first of which is
+    shown and the others are compared with it. output: a file, or what makes a stream of an id and a blueprint. Raises LogError or OSError and leaves
+    a file alone."""
     with ExitStack() as keep:
-        logs = Logs(streams, keep)
-        reader, _ = logs.open()
-        header, scenario = reader.header, parse_scenario(reader.header)
-        found = survey(reader.batches(wanted.run), header, scenario)
-        if not found.steps:
-            raise LogError(f"the log has no step of run {wanted.run}")
-        named = focus(header, found, wanted.nodes)
-        reader, others = logs.open()
-        compared = tuple(label for _, label, _ in others) if scenario.position_states else ()
-        batches = reader.batches(wanted.run)
-        first = next(batches)
-        shown = blueprint(header, scenario, first, found, named, compared, wanted.view)
-        with recording_file(output, recording_id(header, wanted.run, compared), shown) as rec:
-            recorder = Recorder(rec, header, scenario, wanted.run, found, named)
-            beside = comparison.Comparison(rec, scenario) if compared else None
-            batch = first
-            del first
-            while batch is not None:
-                recorder.batch(batch)
-                if beside:
-                    beside.shown(batch)
-                batch = next(batches, None)
-            recorder.finish(reader.end, _compared(beside, others, wanted.run) if beside else [])
-        return reader.warnings + [f"{name}: {text}" for name, _, other in others for text in other.warnings]
+        logs = Logs(streams, keep, interrupts)
+        planned = plan(logs, wanted)
+        return record(logs, planned, output, wanted) if planned.found.steps else _begun(logs, output, wanted)
+
+
+def plan(logs: Logs, wanted: Wanted) -> Plan:
+    """A log without steps of the run gives one without steps. Raises LogError."""
+    reader, others = logs.open()
+    header, scenario = reader.header, parse_scenario(reader.header)
+    nodes = _nodes(header, wanted.nodes)
+    found = survey(reader.batches(wanted.run), header, scenario)
+    if not found.steps and logs.stopped_by:
+        raise LogError(f"stopped by {logs.stopped_by} before the first step of run {wanted.run} was read; nothing is written")
+    return Plan(header, scenario, found, focus(header, found, nodes), tuple(label for _, label, _ in others) if scenario.position_states else ())
+
+
+def record(logs: Logs, planned: Plan, output: Into, wanted: Wanted) -> Converted:
+    """The second reading: writes the recording."""
+    header, scenario, found, named, compared = planned.header, planned.scenario, planned.found, planned.named, planned.compared
+    reader, others = logs.open()
+    batches = reader.batches(wanted.run)
+    batch: Batch | None = next(batches, None)
+    if batch is None:
+        raise LogError("the log has changed while it was read")
+    first_step = int(batch.step[0])
+    shown = blueprint(header, scenario, batch, found, named, compared, wanted.view)
+    with _into(output)(recording_id(header, wanted.run, compared), shown) as rec:
+        recorder = Recorder(rec, header, scenario, wanted.run, found, named)
+        beside = comparison.Comparison(rec, scenario) if compared else None
+        while batch is not None:
+            recorder.batch(batch)
+            if beside:
+                beside.shown(batch)
+            last_step = int(batch.step[-1])
+            batch = next(batches, None)
+        recorder.finish(reader.end, _compared(beside, others, wanted.run) if beside else [])
+    ends = [reader.end, *(other.end for _, _, other in others)]
+    return Converted(
+        remarks=reader.warnings + [f"{name}: {text}" for name, _, other in others for text in other.warnings],
+        damage=reader.damage + [f"{name}: {text}" for name, _, other in others for text in other.damage],
+        steps=(first_step, last_step),
+        asked=header.steps,
+        # The end of input from a pipe may have been left there.
+        stopped=logs.stopped_by if "stopped" in ends or (logs.stopped_by and reader.end is None) else None,
+    )
+
+
+def _into(output: Into) -> Callable[[str, rrb.Blueprint], AbstractContextManager[rr.RecordingStream]]:
+    return partial(recording_file, output) if isinstance(output, Path) else output
+
+
+def _begun(logs: Logs, output: Into, wanted: Wanted) -> Converted:
+    reader, _ = logs.open()
+    for _ in reader.batches(wanted.run):
+        raise LogError("the log has changed while it was read")
+    with _into(output)(recording_id(reader.header, wanted.run), begun.blueprint()) as rec:
+        begun.record(rec, reader.header, parse_scenario(reader.header), wanted.run, reader.end)
+    return Converted([f"the log has no step of run {wanted.run} yet", *reader.warnings], [], None, reader.header.steps, None)
+
+
+def _nodes(header: Header, wanted: Sequence[int]) -> tuple[int, ...]:
+    """Node numbers of those that the user names. Raises LogError."""
+    if header.navigation:
+        numbers, what = {number: k for k, number in enumerate(header.satellites)}, "satellite"
+    else:
+        numbers, what = {k: k for k in (range(header.nodes) if header.central else header.estimator_nodes)}, "node"
+    for number in wanted:
+        if number not in numbers:
+            raise LogError(f"there is no {what} {number}; the log has {_ranges(sorted(numbers))}")
+    return tuple(numbers[number] for number in wanted)
+
+
+def _ranges(numbers: list[int]) -> str:
+    """0 to 19; or 3, 5 to 7."""
+    parts: list[list[int]] = []
+    for number in numbers:
+        if parts and number == parts[-1][1] + 1:
+            parts[-1][1] = number
+        else:
+            parts.append([number, number])
+    return ", ".join(str(a) if a == b else f"{a} to {b}" for a, b in parts)
 
 
 def _compared(beside: comparison.Comparison, others: Sequence[tuple[str, str, LogReader]], run: int) -> list[tuple[str, str]]:

@@ -17,9 +17,6 @@ from . import tracking as tracking_blueprint
 from .parts import DRAWN_NODES, plot
 
 
-VIEWS = ("overview", "summary", "node", "compare", "integrity", "consensus")
-
-
 def blueprint(
     header: Header,
     scenario: Scenario,
