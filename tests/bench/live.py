@@ -118,7 +118,7 @@ class Client:
 
 def live(folder: pathlib.Path) -> tuple[subprocess.Popen, str]:
     environment = os.environ | {"PYTHONPATH": str(ROOT / "tools" / "rerun")}
-    command = [sys.executable, "-m", "meshkal_rerun.live", "--live", "-", "-o", folder / "run.rrd", "--port", "0"]
+    command = [sys.executable, "-m", "meshkal_rerun", "--live", "-", "-o", folder / "run.rrd", "--port", "0"]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=False, env=environment)
     for line in process.stderr:
         if b"rerun+http" in line:

@@ -30,7 +30,7 @@ class Live:
 
     def __init__(self, source: str, output: Path, *options) -> None:
         self.output = output
-        command = [sys.executable, "-m", "meshkal_rerun.live", "--live", source, "-o", str(output), "--port", "0", *map(str, options)]
+        command = [sys.executable, "-m", "meshkal_rerun", "--live", source, "-o", str(output), "--port", "0", *map(str, options)]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": str(PACKAGE)})
         self._lines: list[str] = []
         self._reader = threading.Thread(target=self._read, daemon=True)

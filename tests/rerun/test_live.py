@@ -132,7 +132,7 @@ def test_signals_end_it_with_what_has_come(tmp_path, number):
         process.process.send_signal(number)
         status = process.process.wait(DEADLINE_S)
         _, said = process.end()
-    assert status == 130
+    assert status == 128 + number
     assert ("stopped by Ctrl-C" if number == signal.SIGINT else "stopped by SIGTERM") in said and "30 steps, to step 29" in said
     recording = Recording(tmp_path / "run.rrd")
     assert len(recording.series("theta/node/0")) == 30
@@ -205,7 +205,7 @@ def test_without_a_step_nothing_is_written(tmp_path, data, message):
 def test_a_port_that_is_taken(tmp_path):
     with live("-", tmp_path / "run.rrd") as process:
         port = process.url.removesuffix("/proxy").rpartition(":")[2]
-        command = [sys.executable, "-m", "meshkal_rerun.live", "--live", "-", "-o", tmp_path / "other.rrd", "--port", port]
+        command = [sys.executable, "-m", "meshkal_rerun", "--live", "-", "-o", tmp_path / "other.rrd", "--port", port]
         done = subprocess.run(command, input=b"", capture_output=True, env={**os.environ, "PYTHONPATH": str(PACKAGE)}, timeout=DEADLINE_S, check=False)
     assert done.returncode == 2 and f"port {port}".encode() in done.stderr and done.stderr.count(b"\n") == 1
 

@@ -126,7 +126,7 @@ def test_a_node_s_socket_and_its_new_start(tmp_path):
             process.process.send_signal(signal.SIGTERM)
             status = process.process.wait(DEADLINE_S)
         _, said = process.end()
-    assert status == 130 and "30 steps, to step 29" in said and "stopped by SIGTERM" in said
+    assert status == 143 and "30 steps, to step 29" in said and "stopped by SIGTERM" in said
     convert(log.data(), tmp_path / "offline.rrd")
     same(tmp_path / "run.rrd", tmp_path / "offline.rrd")
 

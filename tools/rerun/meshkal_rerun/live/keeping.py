@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: MIT
 """What comes from a source goes to two places: to the disk, all of it, and to viewers, what they can take."""
 
+import argparse
 import os
 import time
 from pathlib import Path
 
+from meshkal_log import reader
 from meshkal_log.reader import LogError
-
+from .. import conversion
 from .items import KeptLog, is_end, is_header
 from .joining import Joining
 from .queue import DropOldest
@@ -15,8 +17,9 @@ from .viewers import Viewers
 
 
 class Keeping:
-    def __init__(self, source: Source, output: Path, run: int, queue: DropOldest, viewers: Viewers) -> None:
-        self._source, self._output, self._run = source, output, run
+    def __init__(self, source: Source, output: Path, options: argparse.Namespace, queue: DropOldest, viewers: Viewers) -> None:
+        self._source, self._output = source, output
+        self._run, self._nodes = options.run, options.node
         self._queue, self._viewers = queue, viewers
         self._joining: Joining | None = None
         self._not_joined: set[int] = set()
@@ -86,21 +89,26 @@ class Keeping:
             if not self.logs[key].same(item):
                 raise LogError("the source came back with another scenario or other settings; convert it by itself")
             return
+        header = reader._header(item)
+        if self._source.joined:
+            self._joining = self._joining or Joining(header)
+        shown = self._joining.header if self._joining else header
+        named = conversion._nodes(shown, self._nodes)
         number = f".node{key}" if self._source.joined else ""
         path = self._output.with_name(f"{self._output.name}.{os.getpid()}{number}.part.cbor")
         try:
-            log = self.logs[key] = KeptLog(item, raw, path)
+            self.logs[key] = KeptLog(item, raw, path)
         except OSError as error:
             raise OSError(f"{path} cannot be written: {error.strerror}") from None
-        self._source.expect(log.header)
-        if not self._source.joined:
-            self._viewers.begin(log.header)
-            return
-        if self._joining is None:
-            self._joining = Joining(log.header)
-            self._viewers.begin(self._joining.header)
-        if not self._joining.node(key, log.header):
+        self._source.expect(header)
+        if len(self.logs) == 1:
+            self._viewers.begin(shown, named)
+        if self._joining and not self._joining.node(key, header):
             self._not_joined.add(key)
+
+    def nodes_of_recording(self) -> tuple[int, ...]:
+        """Of the nodes that are to be named, those that it has."""
+        return tuple(node for node in self._nodes if not self._joining or (node in self.logs and self.logs[node].steps))
 
     def _pass_on(self, now: float) -> None:
         if self._joining:

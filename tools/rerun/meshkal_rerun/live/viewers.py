@@ -34,10 +34,10 @@ _FOCUS_EVERY_S = 600.0
 
 
 class Viewers(threading.Thread):
-    def __init__(self, queue: DropOldest, sink: rr.GrpcServerSink, run: int, view: str | None, nodes: Sequence[int], window_s: float) -> None:
+    def __init__(self, queue: DropOldest, sink: rr.GrpcServerSink, run: int, view: str | None, window_s: float) -> None:
         super().__init__(name="viewers", daemon=True)
         self._queue, self._sink = queue, sink
-        self._run, self._view, self._nodes, self._window_s = run, view, nodes, window_s
+        self._run, self._view, self._window_s = run, view, window_s
         self._header: Header | None = None
         self._halt = threading.Event()
         self._recorder: Recorder | None = None
@@ -47,9 +47,9 @@ class Viewers(threading.Thread):
         self.failure = ""
         self.end: str | None = None  # of the run, once it is known
 
-    def begin(self, header: Header) -> None:
-        """Before the first step is put into the queue."""
-        self._header = header
+    def begin(self, header: Header, nodes: Sequence[int]) -> None:
+        """Before the first step is put into the queue. nodes: to be named."""
+        self._header, self._nodes = header, nodes
 
     def run(self) -> None:
         try:
