@@ -68,8 +68,12 @@ def test_a_frozen_viewer_neither_stalls_nor_loses(tmp_path):
             for item in items[50:]:
                 process.write(item)
                 time.sleep(0.002)
-            status, said = process.end()  # while it is frozen
+            process.process.stdin.close()
+            # While it is frozen. rerun's own end would wait for it.
+            wait_for(lambda: "run.rrd: 1200 steps" in process.said, "the recording")
+            status = process.process.wait(12)
             assert frozen.poll() is None
+        _, said = process.end()
     assert status == 0
     dropped = int(said.partition(" steps were not shown live")[0].rpartition(" ")[2])
     assert 100 < dropped < 1200
@@ -151,6 +155,21 @@ def test_the_first_ctrl_c_is_left_to_the_simulator(tmp_path):
         status, said = process.end()
     assert status == 0
     assert len(Recording(tmp_path / "run.rrd").series("theta/node/0")) == 20
+
+
+def test_a_second_signal_keeps_a_log_instead(tmp_path):
+    log = Log(nodes=100, steps=400, states=6)
+    items = log.items()
+    with live("-", tmp_path / "run.rrd") as process:
+        started(process, items[:-1])
+        process.process.send_signal(signal.SIGTERM)
+        wait_for(lambda: "stopped by SIGTERM" in process.said, "the end of reading")
+        process.process.send_signal(signal.SIGTERM)
+        status = process.process.wait(DEADLINE_S)
+        _, said = process.end()
+    (kept,) = tmp_path.iterdir()
+    assert status == 143 and f"kept as a log: {kept}" in said
+    assert kept.read_bytes().startswith(b"".join(items[:-1]))
 
 
 def test_a_kill_leaves_a_log(tmp_path):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Live mode from a file that grows, a node's Unix socket and datagrams of nodes; and the parts that put steps in order."""
 
+import io
 import random
 import signal
 import socket
@@ -16,6 +17,7 @@ from test_some_nodes import some
 
 from meshkal_log.joined import JoinedReader
 from meshkal_log.reader import LogError, LogReader
+from meshkal_rerun.live.datagrams import HOLD_S, Order
 from meshkal_rerun.live.items import Framer
 from meshkal_rerun.live.joining import Joining
 from meshkal_rerun.live.queue import DropOldest
@@ -39,7 +41,7 @@ def test_a_framer_does_not_wait_for_ever():
     items = log.items()
     framer = Framer()
     list(framer.feed(b"".join(items[:2])))
-    framer.expect(LogReader(__import__("io").BufferedReader(__import__("io").BytesIO(log.data()))).header)
+    framer.expect(LogReader(io.BufferedReader(io.BytesIO(log.data()))).header)
     endless = b"\xa1\x61a\x5b\x00\x00\x00\x7f\xff\xff\xff\xff"  # a map with 500 GB in it
     with pytest.raises(LogError, match="item 3 is damaged: it is longer"):
         for _ in range(100):
@@ -148,6 +150,31 @@ def free_port() -> int:
         return probe.getsockname()[1]
 
 
+def test_steps_are_put_in_order_and_held_for_a_while_only():
+    def give(now: float) -> list[int]:
+        return [item for item, _ in order.ready(now)]
+
+    def put(*steps: int, now: float) -> None:
+        for step in steps:
+            order.put((0, step), now, step, b"")
+
+    order = Order()
+    put(7, now=0.0)
+    assert give(0.5 * HOLD_S) == []  # an earlier one may be on its way
+    put(6, now=0.5 * HOLD_S)
+    assert give(1.4 * HOLD_S) == [] and give(1.6 * HOLD_S) == [6, 7]
+    put(8, now=1.6 * HOLD_S)
+    assert give(1.6 * HOLD_S) == [8]  # follows
+    put(11, 10, now=2.0 * HOLD_S)
+    assert give(2.5 * HOLD_S) == []
+    put(9, now=2.5 * HOLD_S)
+    assert give(2.5 * HOLD_S) == [9, 10, 11]
+    put(14, 10, 14, now=3.0 * HOLD_S)
+    assert order.late == 2 and give(4.1 * HOLD_S) == [14] and order.missing == 2
+    put(13, now=4.2 * HOLD_S)
+    assert order.late == 3 and give(9.0 * HOLD_S) == []
+
+
 def test_datagrams_of_two_nodes(tmp_path):
     """Lost, repeated, damaged and in another order; one node's first steps come before its header. What is recorded is what is made of the logs of
     both without the lost steps."""
@@ -186,10 +213,8 @@ def test_datagrams_of_two_nodes(tmp_path):
     same(tmp_path / "run.rrd", tmp_path / "offline.rrd")
 
 
-def test_steps_of_nodes_are_joined_as_those_of_files(tmp_path):
+def test_steps_of_nodes_are_joined_as_those_of_files():
     """But for the places of nodes that say nothing, which files leave out. A step waits for nodes that speak, not for those that do not."""
-    import io
-
     logs = {node: some(Log(nodes=5, steps=6), [node]) for node in (1, 3)}
     readers = {node: LogReader(io.BufferedReader(io.BytesIO(log.data()))) for node, log in logs.items()}
     joining = Joining(readers[1].header)

@@ -23,7 +23,7 @@ _BUFFER = 8 << 20
 _END = (1 << 63, 0)
 
 
-class _Order:
+class Order:
     """Steps of one node, put in order."""
 
     def __init__(self) -> None:
@@ -75,7 +75,7 @@ class Datagrams(Source):
         self._nodes: dict[tuple, int] = {}  # of senders that have said who they are
         self._pending: dict[tuple, list[tuple[object, bytes]]] = {}  # of those that have not
         self._headers: dict[int, tuple[object, bytes]] = {}
-        self._orders: dict[int, _Order] = {}
+        self._orders: dict[int, Order] = {}
 
     def poll(self, timeout: float) -> Iterator[Arrived]:
         due = min((order.due() for order in self._orders.values()), default=float("inf"))
@@ -130,7 +130,7 @@ class Datagrams(Source):
         self._nodes[sender] = node
         self.waiting = ""
         if node not in self._orders:
-            self._orders[node] = _Order()
+            self._orders[node] = Order()
         yield node, item, data
         for item, data in self._pending.pop(sender, ()):
             self._put(node, item, data)

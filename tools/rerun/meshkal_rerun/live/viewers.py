@@ -90,7 +90,8 @@ class Viewers(threading.Thread):
         if self._recorder and not self._halt.is_set():
             self._refresh()
             self._recorder.finish(self.end, self._rows())
-            self._rec.send_blueprint(self._blueprint())
+            # Not active: who looks has perhaps arranged things in another way. It is what the viewer resets to.
+            self._rec.send_blueprint(self._blueprint(), make_active=False)
             self._flush()
 
     def _flush(self) -> bool:
@@ -115,8 +116,9 @@ class Viewers(threading.Thread):
             self._refresh()
             self._refresh_at = time.monotonic() + _REFRESH_S
         if now >= self._focus_at[0]:
+            # The first steps say little; later on, nobody wants his view to be reset.
+            self._focus(active=len(self._focus_at) == len(_FOCUS_S))
             self._focus_at = self._focus_at[1:] or (now + _FOCUS_EVERY_S,)
-            self._focus()
 
     def _begin(self, batch: Batch, now: float) -> None:
         header = self._header
@@ -135,14 +137,14 @@ class Viewers(threading.Thread):
     def _refresh(self) -> None:
         self._recorder.refresh(self._last, self._running.survey(), self._rows())
 
-    def _focus(self) -> None:
+    def _focus(self, *, active: bool) -> None:
         """Other nodes are the worst by now."""
         found = self._running.survey()
         named = focus(self._header, found, self._nodes)
         if set(named) != set(self._named):
             self._named = named
             self._recorder.rename(named)
-            self._rec.send_blueprint(self._blueprint(self._window_s))
+            self._rec.send_blueprint(self._blueprint(self._window_s), make_active=active)
 
     def _rows(self) -> list[tuple[str, str]]:
         dropped = self._queue.dropped
