@@ -13,6 +13,7 @@ from typing import BinaryIO
 from meshkal_log.interrupts import Interrupts
 from meshkal_log.reader import LogError
 
+from .live import options as live
 from .views import VIEWS
 
 # rerun, pyarrow and matplotlib are imported where they are needed: they take longer than all the rest of a short command.
@@ -42,7 +43,10 @@ def main(arguments: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if program else arguments
     command = _COMMANDS.get(arguments[0]) if arguments else None
     try:
-        return command(arguments[1:]) if command else _record(_options(arguments), program=program)
+        if command:
+            return command(arguments[1:])
+        options = _options(arguments)
+        return _live(options) if options.live else _record(options, program=program)
     except BrokenPipeError:
         # What reads our standard output has ended; without this, Python complains again when it flushes it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
@@ -120,17 +124,15 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--view", choices=VIEWS, help="what is in front when the recording is opened (default: by what is in the log)")
     parser.add_argument("--node", type=node_numbers, default=(), metavar="K[,K...]", help="nodes to show by name, before the worst ones")
     parser.add_argument("--png", metavar="DIR", help="write the views and plots as pictures into DIR; without -o, only these")
-    parser.add_argument("--live", metavar="SOURCE", help="show and record a run while it is written: SOURCE is - (standard input), a log that grows, unix:PATH "
-                        "or udp:[HOST:]PORT")
-    parser.add_argument("--port", type=_port, metavar="P", help="with --live: where the viewer finds it (default: 9876)")
+    live.add_arguments(parser)
     options = parser.parse_args(arguments)
     if options.live:
         if options.log or options.png:
             parser.error("--live SOURCE is instead of a log, and makes no pictures")
+        if not options.output:
+            parser.error("a recording of a live run needs a name: -o RUN.rrd")
     elif not options.log:
         parser.error("no log is given; see --help")
-    elif options.port is not None:
-        parser.error("--port is for --live")
     elif not options.output and not options.png and options.log[0] == "-":
         parser.error("a recording of standard input needs a name: -o RUN.rrd")
     return options
@@ -161,12 +163,6 @@ def node_numbers(text: str) -> tuple[int, ...]:
     return tuple(int(part) for part in parts)
 
 
-def _port(text: str) -> int:
-    if not text.isdecimal() or not 0 < int(text) < 1 << 16:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a port")
-    return int(text)
-
-
 @contextmanager
 def logs(names: list[str]) -> Iterator[dict[str, BinaryIO]]:
     with ExitStack() as streams:
@@ -183,6 +179,14 @@ def _report(arguments: list[str]) -> int:
     from .pictures import report
 
     return report.main(arguments)
+
+
+def _live(options: argparse.Namespace) -> int:
+    # What rerun says of viewers that do not take what is sent, the summary says, too.
+    os.environ.setdefault("RUST_LOG", "warn,re_quota_channel=error")
+    from .live import command
+
+    return command.main(options)
 
 
 def _convert(arguments: list[str]) -> int:

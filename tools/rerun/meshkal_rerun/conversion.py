@@ -21,7 +21,8 @@ from meshkal_log.reader import LogError, LogReader
 from meshkal_log.scenario import Scenario, parse_scenario
 
 from .numbers.survey import Survey, focus, survey
-from .recording import begun, comparison
+from .recording import begun as only_begun
+from .recording import comparison
 from .recording.output import recording_file
 from .recording.recorder import Recorder, recording_id
 from .views.blueprint import blueprint
@@ -137,18 +138,20 @@ def convert(streams: dict[str, BinaryIO], output: Into, wanted: Wanted, interrup
     a file alone."""
     with ExitStack() as keep:
         logs = Logs(streams, keep, interrupts)
-        planned = plan(logs, wanted)
+        planned = plan(logs, wanted, begun=True)
         return record(logs, planned, output, wanted) if planned.found.steps else _begun(logs, output, wanted)
 
 
-def plan(logs: Logs, wanted: Wanted) -> Plan:
-    """A log without steps of the run gives one without steps. Raises LogError."""
+def plan(logs: Logs, wanted: Wanted, *, begun: bool = False) -> Plan:
+    """begun: the run may have no steps yet. Raises LogError."""
     reader, others = logs.open()
     header, scenario = reader.header, parse_scenario(reader.header)
     nodes = _nodes(header, wanted.nodes)
     found = survey(reader.batches(wanted.run), header, scenario)
     if not found.steps and logs.stopped_by:
         raise LogError(f"stopped by {logs.stopped_by} before the first step of run {wanted.run} was read; nothing is written")
+    if not found.steps and not begun:
+        raise LogError(f"the log has no step of run {wanted.run}")
     return Plan(header, scenario, found, focus(header, found, nodes), tuple(label for _, label, _ in others) if scenario.position_states else ())
 
 
@@ -191,8 +194,8 @@ def _begun(logs: Logs, output: Into, wanted: Wanted) -> Converted:
     reader, _ = logs.open()
     for _ in reader.batches(wanted.run):
         raise LogError("the log has changed while it was read")
-    with _into(output)(recording_id(reader.header, wanted.run), begun.blueprint()) as rec:
-        begun.record(rec, reader.header, parse_scenario(reader.header), wanted.run, reader.end)
+    with _into(output)(recording_id(reader.header, wanted.run), only_begun.blueprint()) as rec:
+        only_begun.record(rec, reader.header, parse_scenario(reader.header), wanted.run, reader.end)
     return Converted([f"the log has no step of run {wanted.run} yet", *reader.warnings], [], None, reader.header.steps, None)
 
 

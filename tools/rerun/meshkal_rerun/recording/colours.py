@@ -59,9 +59,17 @@ class Palette:
     """The colours of nodes, the same in all pictures of a recording: those that are named have one each, the others share one."""
 
     def __init__(self, header: Header, named: Sequence[int]) -> None:
-        self.nodes = np.full(header.nodes, _OTHERS, dtype=np.uint32)
+        self._estimator_nodes = list(header.estimator_nodes)
+        self.nodes = np.empty(header.nodes, dtype=np.uint32)
+        self.estimators = np.full(header.estimators, MEDIAN, dtype=np.uint32)
+        self.name(named)
+
+    def name(self, named: Sequence[int]) -> None:
+        """In place: who has the arrays sees it."""
+        self.nodes[:] = _OTHERS
         self.nodes[list(named)] = cycled(len(named))
-        self.estimators = np.array([MEDIAN], dtype=np.uint32) if header.central else self.nodes[list(header.estimator_nodes)]
+        if self._estimator_nodes:
+            self.estimators[:] = self.nodes[self._estimator_nodes]
 
 
 def with_alpha(colours: np.ndarray, alpha: int) -> np.ndarray:

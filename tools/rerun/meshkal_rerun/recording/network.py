@@ -23,7 +23,7 @@ class NetworkGraph:
     def __init__(self, rec: rr.RecordingStream, header: Header, scenario: Scenario, shade_range_db: tuple[float, float] | None) -> None:
         """shade_range_db: blue and red."""
         self._rec = rec
-        self._range = shade_range_db or (0.0, 0.0)
+        self.shade(shade_range_db)
         self._central = header.central
         self._nodes = header.nodes
         self._estimator_nodes = list(header.estimator_nodes)
@@ -43,6 +43,10 @@ class NetworkGraph:
             ids = [f"label {name}" for name in self._names]
             below = positions + (0.0, 2.1 * _RADIUS)
             rec.log(LABELS, rr.GraphNodes(ids, positions=below, labels=self._names, show_labels=True), static=True)
+
+    def shade(self, shade_range_db: tuple[float, float] | None) -> None:
+        """Blue and red from now on."""
+        self._range = shade_range_db or (0.0, 0.0)
 
     def batch(self, times: list, quantities: dict[str, np.ndarray]) -> None:
         low, high = self._range

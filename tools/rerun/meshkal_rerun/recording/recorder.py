@@ -123,8 +123,27 @@ class Recorder:
             self._scene.finish()
         if self._navigation:
             self._navigation.finish()
-        self._summary.more += more
+        self._summary.more = list(more)
         self._rec.log("summary", rr.TextDocument(self._summary.text(end, self._shade_range if self._graph else None), media_type="text/markdown"), static=True)
+
+    def refresh(self, last: Batch, found: Survey, more: Sequence[tuple[str, str]]) -> None:
+        """Of a run that goes on, after its `last` batch: what is known by now. The text is not static: a viewer would keep it for ever."""
+        self._shade_range = found.shade_range_db
+        if self._scene:
+            self._scene.thin()
+        if self._graph:
+            self._graph.shade(found.shade_range_db)
+        self._summary.more = list(more)
+        text = self._summary.text("live", self._shade_range if self._graph else None)
+        times = self._clock.times(last, slice(-1, None))
+        self._rec.send_columns("summary", times, rr.TextDocument.columns(text=[text], media_type=["text/markdown"]))
+
+    def rename(self, named: Sequence[int]) -> None:
+        """Other nodes are named from now on."""
+        self._palette.name(named)
+        self._series.style_again()
+        if self._scene:
+            self._scene.style_again()
 
     def _quantities(self, times: list, each: dict, network: dict) -> None:
         for quantity, values in each.items():

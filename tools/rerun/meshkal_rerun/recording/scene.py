@@ -9,6 +9,8 @@ from meshkal_log.scenario import Scenario, positions_of
 from . import colours
 
 TRAIL_STEPS = 60
+# Of the whole path of a run that goes on.
+_PATH_POINTS = 20000
 
 ELLIPSOIDS = "scene/ellipsoids_3_sigma"
 
@@ -22,11 +24,15 @@ class Scene:
         self._path: list[np.ndarray] = []  # every known true position, for the whole path
         self._path_of = "truth"
         self._recent = np.zeros((0, 3), dtype=np.float32)  # the last of them, for the trail
-        # Negative radii are sizes on the screen, which suit any scale of the scene.
-        self._style("scene/estimates", rr.Points3D, colors=palette.estimators, labels=names, show_labels=False, radii=-4.0)
-        faint = colours.with_alpha(palette.estimators, 90)
-        self._style(ELLIPSOIDS, rr.Ellipsoids3D, colors=faint, labels=names, show_labels=False, line_radii=-0.4)
+        self._names, self._palette = names, palette
+        self.style_again()
         self._sensors(header, scenario)
+
+    def style_again(self) -> None:
+        # Negative radii are sizes on the screen, which suit any scale of the scene.
+        self._style("scene/estimates", rr.Points3D, colors=self._palette.estimators, labels=self._names, show_labels=False, radii=-4.0)
+        faint = colours.with_alpha(self._palette.estimators, 90)
+        self._style(ELLIPSOIDS, rr.Ellipsoids3D, colors=faint, labels=self._names, show_labels=False, line_radii=-0.4)
 
     def _sensors(self, header: Header, scenario: Scenario) -> None:
         positions = scenario.node_positions_m
@@ -69,6 +75,10 @@ class Scene:
         self._recent = send_trail(self._rec, "scene/truth_trail", times, self._recent, positions)
         self._path.append(positions[known])
 
+    def thin(self) -> None:
+        """The path of a run that goes on does not fill the memory: of its older part every second point is left out, again and again."""
+        self._path = thinned(self._path)
+
     def finish(self) -> None:
         if self._path:
             path = np.concatenate(self._path)
@@ -76,6 +86,13 @@ class Scene:
 
     def _style(self, path: str, archetype: type, **fields: object) -> None:
         self._rec.log(path, archetype.from_fields(**fields), static=True)
+
+
+def thinned(path: list[np.ndarray]) -> list[np.ndarray]:
+    if not path:
+        return path
+    whole = np.concatenate(path)
+    return [whole[::2] if len(whole) > _PATH_POINTS else whole]
 
 
 def send_trail(rec: rr.RecordingStream, path: str, times: list, recent: np.ndarray, positions: np.ndarray) -> np.ndarray:

@@ -38,6 +38,10 @@ class Series:
         self._styled.add(path)
         return not known
 
+    def style_again(self) -> None:
+        """Styles are sent anew with the next numbers."""
+        self._styled.clear()
+
     def _send(self, path: str, times: list, values: np.ndarray, archetype: type, style: dict) -> None:
         if self.first(path):
             self.rec.log(path, archetype(**style), static=True)

@@ -84,6 +84,7 @@ class Summary:
             rows.append(("estimates missing", self._share("estimates")))
         rows.append(("fault entries", str(self._fault_entries)))
         rows += self.integrity.rows()
+        rows += self.more
         state = ENDINGS[end]
         rows.append(("log", f"{state}, {self._steps} steps, to step {self._last_step}"))
         return rows
