@@ -9,15 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
+from meshkal_log.fields import Header
 from meshkal_log.joined import JoinedReader
 from meshkal_log.reader import LogError, LogReader
-from meshkal_log.scenario import parse_scenario
+from meshkal_log.scenario import Scenario, parse_scenario
 
-from .numbers.survey import focus, survey
+from .numbers.survey import Survey, focus, survey
 from .recording import comparison
 from .recording.output import recording_file
 from .recording.recorder import Recorder, recording_id
-from .views.blueprint import blueprint
+from .views.blueprint import blueprint, fronts
 
 
 @dataclass(frozen=True)
@@ -59,34 +60,55 @@ def _kept(stream: BinaryIO, keep: ExitStack) -> BinaryIO:
     return open(kept.fileno(), "rb", closefd=False)
 
 
+@dataclass(frozen=True)
+class Plan:
+    """What a first reading of logs found, for the second one."""
+
+    header: Header
+    scenario: Scenario
+    found: Survey
+    named: tuple[int, ...]  # nodes
+    compared: tuple[str, ...]  # labels of other logs
+
+
+def plan(logs: Logs, wanted: Wanted) -> Plan:
+    """Raises LogError if the log has no step of the run."""
+    reader, others = logs.open()
+    header, scenario = reader.header, parse_scenario(reader.header)
+    found = survey(reader.batches(wanted.run), header, scenario)
+    if not found.steps:
+        raise LogError(f"the log has no step of run {wanted.run}")
+    return Plan(header, scenario, found, focus(header, found, wanted.nodes), tuple(label for _, label, _ in others) if scenario.position_states else ())
+
+
 def convert(streams: dict[str, BinaryIO], output: Path, wanted: Wanted) -> list[str]:
     """Writes the recording of one run and returns warnings for the user. Several logs: those of nodes of one network; or of filters for tracking
     or navigation, the first of which is shown and the others are compared with it. Raises LogError or OSError and leaves `output` alone."""
     with ExitStack() as keep:
         logs = Logs(streams, keep)
-        reader, _ = logs.open()
-        header, scenario = reader.header, parse_scenario(reader.header)
-        found = survey(reader.batches(wanted.run), header, scenario)
-        if not found.steps:
-            raise LogError(f"the log has no step of run {wanted.run}")
-        named = focus(header, found, wanted.nodes)
-        reader, others = logs.open()
-        compared = tuple(label for _, label, _ in others) if scenario.position_states else ()
-        batches = reader.batches(wanted.run)
-        first = next(batches)
-        shown = blueprint(header, scenario, first, found, named, compared, wanted.view)
-        with recording_file(output, recording_id(header, wanted.run, compared), shown) as rec:
-            recorder = Recorder(rec, header, scenario, wanted.run, found, named)
-            beside = comparison.Comparison(rec, scenario) if compared else None
-            batch = first
-            del first
-            while batch is not None:
-                recorder.batch(batch)
-                if beside:
-                    beside.shown(batch)
-                batch = next(batches, None)
-            recorder.finish(reader.end, _compared(beside, others, wanted.run) if beside else [])
-        return reader.warnings + [f"{name}: {text}" for name, _, other in others for text in other.warnings]
+        return record(logs, plan(logs, wanted), output, wanted)[0]
+
+
+def record(logs: Logs, planned: Plan, output: Path, wanted: Wanted) -> tuple[list[str], list[str]]:
+    """The second reading: writes the recording; returns warnings for the user, and the names of its views, in the order of their tabs."""
+    header, scenario, found, named, compared = planned.header, planned.scenario, planned.found, planned.named, planned.compared
+    reader, others = logs.open()
+    batches = reader.batches(wanted.run)
+    first = next(batches)
+    shown = blueprint(header, scenario, first, found, named, compared, wanted.view)
+    views = list(fronts(header, scenario, first, found, named, compared))
+    with recording_file(output, recording_id(header, wanted.run, compared), shown) as rec:
+        recorder = Recorder(rec, header, scenario, wanted.run, found, named)
+        beside = comparison.Comparison(rec, scenario) if compared else None
+        batch = first
+        del first
+        while batch is not None:
+            recorder.batch(batch)
+            if beside:
+                beside.shown(batch)
+            batch = next(batches, None)
+        recorder.finish(reader.end, _compared(beside, others, wanted.run) if beside else [])
+    return reader.warnings + [f"{name}: {text}" for name, _, other in others for text in other.warnings], views
 
 
 def _compared(beside: comparison.Comparison, others: Sequence[tuple[str, str, LogReader]], run: int) -> list[tuple[str, str]]:
