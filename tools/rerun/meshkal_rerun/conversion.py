@@ -18,7 +18,7 @@ from .numbers.survey import Survey, focus, survey
 from .recording import comparison
 from .recording.output import recording_file
 from .recording.recorder import Recorder, recording_id
-from .views.blueprint import blueprint, fronts
+from .views.blueprint import blueprint
 
 
 @dataclass(frozen=True)
@@ -86,17 +86,16 @@ def convert(streams: dict[str, BinaryIO], output: Path, wanted: Wanted) -> list[
     or navigation, the first of which is shown and the others are compared with it. Raises LogError or OSError and leaves `output` alone."""
     with ExitStack() as keep:
         logs = Logs(streams, keep)
-        return record(logs, plan(logs, wanted), output, wanted)[0]
+        return record(logs, plan(logs, wanted), output, wanted)
 
 
-def record(logs: Logs, planned: Plan, output: Path, wanted: Wanted) -> tuple[list[str], list[str]]:
-    """The second reading: writes the recording; returns warnings for the user, and the names of its views, in the order of their tabs."""
+def record(logs: Logs, planned: Plan, output: Path, wanted: Wanted) -> list[str]:
+    """The second reading: writes the recording; returns warnings for the user."""
     header, scenario, found, named, compared = planned.header, planned.scenario, planned.found, planned.named, planned.compared
     reader, others = logs.open()
     batches = reader.batches(wanted.run)
     first = next(batches)
     shown = blueprint(header, scenario, first, found, named, compared, wanted.view)
-    views = list(fronts(header, scenario, first, found, named, compared))
     with recording_file(output, recording_id(header, wanted.run, compared), shown) as rec:
         recorder = Recorder(rec, header, scenario, wanted.run, found, named)
         beside = comparison.Comparison(rec, scenario) if compared else None
@@ -108,7 +107,7 @@ def record(logs: Logs, planned: Plan, output: Path, wanted: Wanted) -> tuple[lis
                 beside.shown(batch)
             batch = next(batches, None)
         recorder.finish(reader.end, _compared(beside, others, wanted.run) if beside else [])
-    return reader.warnings + [f"{name}: {text}" for name, _, other in others for text in other.warnings], views
+    return reader.warnings + [f"{name}: {text}" for name, _, other in others for text in other.warnings]
 
 
 def _compared(beside: comparison.Comparison, others: Sequence[tuple[str, str, LogReader]], run: int) -> list[tuple[str, str]]:

@@ -22,6 +22,8 @@ from .run import Run, test_band
 _ROW_INCHES = 2.1
 # More lines of named nodes would hide the band.
 _MOST_LINES = NAMED
+# Above it lines are thin: they would cover the band.
+_MANY_STEPS = 500
 # So many sensors have a lane.
 _MOST_LANES = 20
 _MISSING = {"missing_measurements": "measurements", "missing_estimates": "estimates", "missing_messages": "messages"}
@@ -218,7 +220,7 @@ def _missing(run: Run) -> Picture | None:
         total = run.network[quantity]["total"]
         axes.plot(_times(run), total, color=colour, label=name, linewidth=0.8)
         words.append(f"{int(total.sum())} {name} are missing, at most {int(total.max())} in a step.")
-    axes.set_ylim(bottom=0.0)
+    axes.set_ylim(0.0, 1.05 * max(1.0, *(float(run.network[q]["total"].max()) for q in there)))
     _finish(axes, "Missing in a step, count", run)
     return Picture("missing", "What did not arrive, all nodes together", " ".join(words), figure)
 
@@ -233,10 +235,10 @@ def _spread(axes: Axes, run: Run, quantity: str) -> None:
     if _several(run):
         if "low" in network:
             axes.fill_between(times, network["low"], network["high"], color=paper.MEDIAN, alpha=0.25, linewidth=0, label="5 to 95 % of the nodes")
-        palette = colours.Palette(run.header, run.plan.named)
+        palette, many = colours.Palette(run.header, run.plan.named), len(times) > _MANY_STEPS
         for i, e in list(enumerate(run.drawn))[:_MOST_LINES][::-1]:
-            axes.plot(times, run.each[quantity][:, i], color=paper.ink(palette.estimators[e]), linestyle=paper.DASHES[i % len(paper.DASHES)], linewidth=0.8,
-                      label=run.names[e])
+            axes.plot(times, run.each[quantity][:, i], color=paper.ink(palette.estimators[e]), label=run.names[e],
+                      linestyle=paper.DASHES[i % len(paper.DASHES)], linewidth=0.5 if many else 0.8, alpha=0.6 if many else 1.0)
         for name, colour in (("median", paper.MEDIAN), ("pooled", "black"), ("mean", "black"), ("rms", "black")):
             if name in network:
                 label = {"rms": "RMS", "pooled": "all nodes together"}.get(name, name)

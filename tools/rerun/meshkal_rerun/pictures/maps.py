@@ -74,10 +74,13 @@ def _positions(run: Run) -> Picture | None:
     if len(states) == 1:
         return _coordinate(run)
     planes = [(0, 1)] if len(states) == 2 else [(0, 1), (0, 2)]
-    figure = Figure(figsize=(9.0, 4.6) if len(planes) > 1 else (7.0, 5.2))
-    for axes, (i, j) in zip(np.atleast_1d(figure.subplots(1, len(planes))), planes):
-        _plane(axes, run, i, j)
-    axes.legend(loc="best")
+    figure = Figure(figsize=(9.0, 4.4) if len(planes) == 1 else (11.0, 4.0))
+    *whole, near = figure.subplots(1, len(planes) + 1)
+    for axes, plane in zip(whole, planes):
+        _plane(axes, run, *plane)
+    _plane(near, run, 0, 1, near=True)
+    near.set_title("the estimates")
+    figure.legend(*whole[0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
     alt = f"Positions at {moment.seconds:g} s"
     if moment.truth is not None and np.isfinite(moment.truth).all():
         alt += f": the truth is at {_place(moment.truth[: len(states)])}"
@@ -86,7 +89,8 @@ def _positions(run: Run) -> Picture | None:
     return Picture("position", f"Position at {moment.seconds:g} s, with {SIGMAS:g} sigma of the estimates", alt, figure)
 
 
-def _plane(axes: Axes, run: Run, i: int, j: int) -> None:
+def _plane(axes: Axes, run: Run, i: int, j: int, *, near: bool = False) -> None:
+    """near: only what is around most estimates."""
     scenario, moment, header = run.plan.scenario, run.moment, run.header
     sensors = scenario.node_positions_m
     if sensors is not None:
@@ -114,8 +118,20 @@ def _plane(axes: Axes, run: Run, i: int, j: int) -> None:
     names = ("east", "north", "up") if header.navigation else ("x", "y", "z")
     axes.set_xlabel(f"{names[i]}, m")
     axes.set_ylabel(f"{names[j]}, m")
-    axes.set_aspect("equal", adjustable="datalim")
     axes.autoscale_view()
+    if near and len(known):
+        places = moment.estimate[known][:, [i, j]]
+        middle = np.median(places, axis=0)
+        reach = np.percentile(np.abs(places - middle).max(axis=1), 90)
+        if moment.covariance is not None and len(drawn):
+            reach = max(reach, 0.5 * float(np.median(width)))
+        if reach > 0.0:
+            axes.set_xlim(middle[0] - 1.4 * reach, middle[0] + 1.4 * reach)
+            axes.set_ylim(middle[1] - 1.4 * reach, middle[1] + 1.4 * reach)
+    span = [abs(np.subtract(*limits)) for limits in (axes.get_xlim(), axes.get_ylim())]
+    # A flight is flat: in true proportions its height would be a line.
+    if max(span) < 8.0 * min(span):
+        axes.set_aspect("equal", adjustable="box" if near else "datalim")
 
 
 def _coordinate(run: Run) -> Picture:

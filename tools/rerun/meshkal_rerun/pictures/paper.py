@@ -12,7 +12,7 @@ DASHES = ("-", (0, (6, 1.5)), (0, (1.5, 1)), (0, (5, 1, 1, 1)), (0, (8, 2)), (0,
 STYLE = {
     "figure.figsize": (8.0, 4.0), "figure.dpi": 120.0, "savefig.dpi": 120.0, "figure.constrained_layout.use": True,
     "font.size": 9.0, "axes.titlesize": 10.0, "axes.titlelocation": "left", "axes.spines.top": False, "axes.spines.right": False,
-    "axes.grid": True, "grid.color": "#dddddd", "grid.linewidth": 0.6, "legend.fontsize": 8.0, "legend.framealpha": 0.85, "legend.edgecolor": "none",
+    "axes.grid": True, "axes.axisbelow": True, "grid.color": "#dddddd", "grid.linewidth": 0.6, "legend.fontsize": 8.0, "legend.framealpha": 0.85, "legend.edgecolor": "none",
     "lines.linewidth": 1.0, "axes.prop_cycle": cycler(color=["#000000"]), "figure.facecolor": "white", "axes.facecolor": "white",
     # Letters stay letters, so that a page can be searched and stays small; ids do not change from one call to the next.
     "svg.fonttype": "none", "svg.hashsalt": "meshkal", "font.family": "sans-serif", "path.simplify": True, "agg.path.chunksize": 20000,

@@ -19,6 +19,8 @@ import rerun_cli
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+from ..views.blueprint import VIEWS
+
 SIZE = (1600, 1000)
 STARTS = 3
 START_S = 30.0
@@ -28,7 +30,6 @@ STILL_S, STILL_PICTURES = 0.8, 3
 PAINT_S = 90.0
 # For so long after a file was opened the viewer says so in a corner.
 NOTICE_S = 3.5
-LARGEST_PNG = 240_000
 _CONTROL_S = 10.0
 
 
@@ -63,9 +64,13 @@ class Viewer:
         if self._tabs["container_kind"] != "Tabs":
             raise ViewerError("the recording's views are not in tabs")
 
-    def show(self, tab: int, moment: dict | None) -> None:
+    def views(self) -> list[str]:
+        """Those of VIEWS that the recording has; a tab's title begins with its name."""
+        return list(self._places())
+
+    def show(self, view: str, moment: dict | None) -> None:
         """moment: timeline and time as `ViewerClient.set_time` takes them; None: the end."""
-        self._tabs["active_tab"] = self._tabs["contents"][tab]
+        self._tabs["active_tab"] = self._places()[view]
         with self._within(_CONTROL_S, "show the view"):
             self._client.set_blueprint(self._blueprint, store_id=self._store)
             if moment:
@@ -83,6 +88,14 @@ class Viewer:
                     last, since, same = png, time.monotonic(), 1
                 if same >= STILL_PICTURES and time.monotonic() - since >= STILL_S:
                     return Image.open(io.BytesIO(png)).convert("RGB")
+
+    def _places(self) -> dict[str, str]:
+        out = {}
+        for tab in self._tabs["contents"]:
+            said = self._blueprint[f"/{tab}"]
+            title = (said.get("ContainerBlueprint") or said.get("ViewBlueprint")).get("display_name", "")
+            out.setdefault(title.split(" ")[0].lower(), tab)
+        return {name: out[name] for name in VIEWS if name in out}
 
     @contextmanager
     def _within(self, seconds: float, what: str) -> Iterator[None]:
@@ -110,19 +123,6 @@ def viewer(size: tuple[int, int] = SIZE) -> Iterator[Viewer]:
             yield Viewer(process, client)
         finally:
             _end(process)
-
-
-def save(picture: Image.Image, path: Path) -> None:
-    """With a palette, as small as it must be; whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        for colours in (256, 128, 64, 32):
-            picture.quantize(colours, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).save(temporary, format="PNG", optimize=True)
-            if temporary.stat().st_size <= LARGEST_PNG:
-                break
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _start(home: Path, size: tuple[int, int]) -> tuple[subprocess.Popen, ViewerClient]:

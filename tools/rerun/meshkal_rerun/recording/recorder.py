@@ -9,10 +9,12 @@ import rerun as rr
 
 from meshkal_log.fields import LINEAR, NAVIGATION, TRACKING, Batch, Header
 from meshkal_log.scenario import Scenario
-from ..numbers import derive, faults
+from ..numbers import derive
 from ..numbers.integrity import Story
 from ..numbers.survey import Survey, quantities
-from ..summary import SUMMARIES
+from ..summary.linear import Summary
+from ..summary.navigation import NavigationSummary
+from ..summary.tracking import TrackingSummary
 from . import colours
 from .integrity import IntegrityRecorder
 from .integrity_marks import IntegrityMarks
@@ -23,7 +25,13 @@ from .series import Clock, Series
 from .tracking import TrackingRecorder
 from .tracking_scene import TrackingScene
 
+# The bits of meshkal/rkfd.h.
+_FAULTS = {0: "measurement missing", 1: "estimate missing", 2: "input refused", 3: "no measurement at all"}
+# With lossy links the first two come and go at every step; they are drawn as counts and would bury the others here.
+_LOGGED = np.uint32(0xFFFFFFFF & ~0b11)
+
 _SCENES = {LINEAR: Scene, TRACKING: TrackingScene, NAVIGATION: NavigationScene}
+_SUMMARIES = {LINEAR: Summary, TRACKING: TrackingSummary, NAVIGATION: NavigationSummary}
 
 _SUMMARY_STYLE = {
     "rms": (colours.SUMMARY, 3.0),
@@ -72,7 +80,7 @@ class Recorder:
         self._shade_range = found.shade_range_db
         self._series = Series(rec, envelope=header.timed)
         self._gaps: dict[str, bool] = {}  # of series, whether their first values have some
-        self._fault_changes = faults.FaultChanges(header)
+        self._last_faults = np.zeros(header.estimators, dtype=np.uint32)
         paths = [estimator_path(header, k) for k in range(header.estimators)]
         scene = _SCENES[header.kind]
         self._scene = scene(rec, header, scenario, self._names, self._palette) if scenario.position_states else None
@@ -83,7 +91,7 @@ class Recorder:
         self._story = Story(header)
         self._integrity = IntegrityRecorder(self._series, self._clock, header, scenario, self._palette, self._names, paths)
         self._marks = IntegrityMarks(rec, self._clock, header, scenario) if header.monitor and self._graph else None
-        self._summary = SUMMARIES[header.kind](header, scenario, run, self._names)
+        self._summary = _SUMMARIES[header.kind](header, scenario, run, self._names)
         rec.send_recording_name(f"{scenario.name}: {header.filter}, run {run}")
 
     def batch(self, batch: Batch) -> None:
@@ -166,11 +174,19 @@ class Recorder:
             self._drawn(path, times, values, width=width, **style)
 
     def _faults(self, batch: Batch) -> int:
-        """An entry when a node's faults change."""
-        at, who, masks = self._fault_changes.of(batch)
+        """An entry when a node's faults change: a lasting fault would otherwise fill the log with the same line."""
+        faults = batch.faults & _LOGGED
+        before = np.vstack([self._last_faults, faults[:-1]])
+        self._last_faults = faults[-1]
+        at, who = np.nonzero(faults != before)
+        masks = faults[at, who]
         if len(at):
-            texts = [f"{self._names[k]}: {faults.text(int(mask))}" for k, mask in zip(who, masks)]
+            texts = [f"{self._names[k]}: {fault_text(int(mask))}" for k, mask in zip(who, masks)]
             levels = ["WARN" if mask else "INFO" for mask in masks]
             times = self._clock.times(batch, at)
             self._rec.send_columns("faults", times, rr.TextLog.columns(text=texts, level=levels))
         return int(np.count_nonzero(masks))
+
+
+def fault_text(mask: int) -> str:
+    return ", ".join(_FAULTS.get(bit, f"fault bit {bit}") for bit in range(32) if mask >> bit & 1) or "faults over"

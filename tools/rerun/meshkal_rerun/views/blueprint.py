@@ -20,20 +20,6 @@ from .parts import DRAWN_NODES, plot
 VIEWS = ("overview", "summary", "node", "compare", "integrity", "consensus")
 
 
-def fronts(header: Header, scenario: Scenario, first: Batch, found: Survey, named: Sequence[int], compared: tuple[str, ...] = ()) -> dict:
-    """The views that this log has, by name, in the order of their tabs; as `blueprint`."""
-    few = header.estimators <= DRAWN_NODES
-    if header.navigation:
-        front = navigation_blueprint.front(header, scenario, first, compared)
-    elif header.tracking:
-        front = tracking_blueprint.front(header, scenario, first, compared, few=few)
-    else:
-        front = {"overview": _overview(header, scenario, first, few=few)}
-    if header.monitor:
-        front["integrity"] = integrity_blueprint.tab(header, first)
-    return front
-
-
 def blueprint(
     header: Header,
     scenario: Scenario,
@@ -45,10 +31,18 @@ def blueprint(
 ) -> rrb.Blueprint:
     """`first` is the first batch: it tells whether there is a truth, and where the scene is. named: nodes, the worst first. compared: names of
     other logs. view: of VIEWS, what is in front."""
-    front = fronts(header, scenario, first, found, named, compared)
+    few = header.estimators <= DRAWN_NODES
+    if header.navigation:
+        front = navigation_blueprint.front(header, scenario, first, compared)
+    elif header.tracking:
+        front = tracking_blueprint.front(header, scenario, first, compared, few=few)
+    else:
+        front = {"overview": _overview(header, scenario, first, few=few)}
+    if header.monitor:
+        front["integrity"] = integrity_blueprint.tab(header, first)
     if view is not None and view not in front:
         raise LogError(f"the log has nothing for the view {view}; it has {', '.join(front)}")
-    tabs = [*front.values(), *_details(header, scenario, first, few=header.estimators <= DRAWN_NODES)]
+    tabs = [*front.values(), *_details(header, scenario, first, few=few)]
     return rrb.Blueprint(
         rrb.Tabs(*tabs, active_tab=list(front).index(view) if view else 0),
         rrb.BlueprintPanel(state="collapsed"),
