@@ -14,6 +14,8 @@ from . import derive, navigation, tracking
 # More would not be told apart, neither by colour nor in a legend.
 ALL_NAMED = 8
 NAMED = 5
+# The viewer draws a hundred lines in a plot at ease, and a thousand not. Of more nodes only those that are named are drawn one by one.
+DRAWN_NODES = 100
 
 
 @dataclass(frozen=True)
@@ -26,14 +28,17 @@ class Survey:
 
 def quantities(batch: Batch, header: Header, scenario: Scenario) -> tuple[dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
     """All that is drawn of estimators, (T, E), and what sums up the network, (T,)."""
+    each = per_estimator(batch, header, scenario)
+    return each, derive.network(batch, each) | tracking.network(each)
+
+
+def per_estimator(batch: Batch, header: Header, scenario: Scenario) -> dict[str, np.ndarray]:
     each = derive.per_estimator(batch, header)
-    network = derive.network(batch, each)
-    more: dict[str, np.ndarray] = {}
     if header.navigation:
-        more = navigation.per_estimator(batch, scenario)
+        each |= navigation.per_estimator(batch, scenario)
     if header.tracking:
-        more = tracking.per_estimator(batch, header, scenario)
-    return each | more, network | tracking.network(more)
+        each |= tracking.per_estimator(batch, header, scenario)
+    return each
 
 
 def shade_db(each: dict[str, np.ndarray]) -> np.ndarray:
@@ -51,7 +56,7 @@ def survey(batches: Iterable[Batch], header: Header, scenario: Scenario) -> Surv
     shades = []
     for batch in batches:
         steps += len(batch.step)
-        each, _ = quantities(batch, header, scenario)
+        each = per_estimator(batch, header, scenario)
         shade = shade_db(each)
         shades.append(shade.astype(np.float32))
         known += np.isfinite(shade).sum(axis=0)

@@ -11,8 +11,15 @@ TRUTH = 0xFFFFFFFF
 SUMMARY = 0xFFFFFFFF
 WORST = 0xFF6B5EFF
 MEDIAN = 0x7FC8FFFF
+# Of the nodes: filled, so darker than the median.
+BAND = 0x7C93B5FF
 REFERENCE = 0xB0B0B0FF
 LINK = 0x50505AFF
+FAINT_LINK = 0x50505A50
+# Links over which nothing came, dashed, too.
+MISSING = 0xFFA64DFF
+FAINT_MISSING = 0xFFA64D90
+BACKGROUND = 0x0D1011FF
 UNKNOWN = 0x808080FF
 BOUND = 0xE8C35AFF
 LIMIT = 0x8FA3B866
@@ -48,7 +55,7 @@ _SCALE = np.array([[66, 135, 245], [245, 222, 150], [226, 48, 40]], dtype=np.flo
 
 # Of nodes that are named: told apart by the colour-blind too, lightened for the dark background, none of them the truth's white.
 _NAMED = (0xE69F00FF, 0x4C9BE8FF, 0xF0E442FF, 0xCC79A7FF, 0x2BB58AFF, 0xE06A1BFF, 0xB0A0FFFF, 0x9AD0F5FF)
-_OTHERS = 0x66788CFF
+OTHERS = 0x66788CFF
 
 
 def cycled(count: int) -> np.ndarray:
@@ -59,8 +66,11 @@ class Palette:
     """The colours of nodes, the same in all pictures of a recording: those that are named have one each, the others share one."""
 
     def __init__(self, header: Header, named: Sequence[int]) -> None:
-        self.nodes = np.full(header.nodes, _OTHERS, dtype=np.uint32)
+        self.nodes = np.full(header.nodes, OTHERS, dtype=np.uint32)
         self.nodes[list(named)] = cycled(len(named))
+        self.named = tuple(named)
+        of = {node: e for e, node in enumerate(header.estimator_nodes)}
+        self.named_estimators = np.array([0] if header.central else [of[k] for k in named if k in of], dtype=np.intp)
         self.estimators = np.array([MEDIAN], dtype=np.uint32) if header.central else self.nodes[list(header.estimator_nodes)]
 
 
