@@ -24,6 +24,7 @@ class Survey:
     rank: tuple[int, ...]  # estimators, the worst first, those of which nothing is known last
     badness: np.ndarray  # (E,): RMS of the error; without truth the mean of the test quantity; NaN: unknown
     shade_range_db: tuple[float, float] | None  # of what nodes are coloured by
+    has_truth: bool = False  # that is then the error
 
 
 def quantities(batch: Batch, header: Header, scenario: Scenario) -> tuple[dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
@@ -71,7 +72,7 @@ def survey(batches: Iterable[Batch], header: Header, scenario: Scenario) -> Surv
     # The extremes are left out: one start-up transient would otherwise paint the rest in one colour.
     span = tuple(float(q) for q in np.percentile(values, [10, 90])) if len(values) else None
     # NaN sorts last; equal ones stay in the order of their numbers.
-    return Survey(steps, tuple(int(e) for e in np.argsort(-badness, kind="stable")), badness, span)
+    return Survey(steps, tuple(int(e) for e in np.argsort(-badness, kind="stable")), badness, span, has_truth)
 
 
 def unknown(header: Header) -> Survey:

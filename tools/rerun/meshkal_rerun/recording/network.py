@@ -21,10 +21,12 @@ SCALE = "network/scale"
 # More would hide each other; of more nodes those that are named have their labels.
 _LABELLED_NODES = 60
 # Parts of the receiver's half of a link that are drawn where nothing came, from the middle to the receiver. Of many links it is one piece.
-_DASHES = ((0.04, 0.26), (0.36, 0.58), (0.68, 0.9))
+_DASHES = ((0.04, 0.22), (0.38, 0.56), (0.72, 0.9))
 _PIECE = ((0.0, 0.9),)
 _SCALE_PARTS = 60
-_MARGIN = 0.1  # of the extent
+# Of the extent.
+_MARGIN = 0.1
+_SCALE_BELOW = 0.17
 _ORDER = {LINKS: 10.0, ONE_WAY: 10.0, MISSING: 15.0, NAMED: 20.0, f"{NAMED}/gap": 21.0, NODES: 30.0}
 
 (_STRIPS,) = [column for column in rr.LineStrips2D.columns(strips=[[[0.0, 0.0], [1.0, 1.0]]])]
@@ -37,6 +39,7 @@ class NetworkPicture:
     def __init__(self, rec: rr.RecordingStream, header: Header, scenario: Scenario, found: Survey, palette: colours.Palette, labels: list[str]) -> None:
         """labels: of the estimators that are named. Blue and red are found.shade_range_db."""
         self._rec, self._header, self._range = rec, header, found.shade_range_db
+        self._metres = header.timed and scenario.position_states is not None and found.has_truth
         self._heard = Heard(header)
         self._positions = positions = plane_positions(scenario.all_positions_m, header)
         self._few = header.nodes <= DRAWN_NODES
@@ -51,11 +54,11 @@ class NetworkPicture:
         else:
             radii[list(palette.named)] = -6.0
         self._static(NODES, rr.Points2D.from_fields(positions=positions, radii=radii, labels=shown, show_labels=labelled, draw_order=_ORDER[NODES]))
-        self._scale(positions)
+        self._scale()
         middle, heard = (positions[self._heard.sender] + positions[self._heard.receiver]) / 2.0, positions[self._heard.receiver]
         parts = np.array(_DASHES if self._few else _PIECE)
         self._dashes = (middle[:, None, None] + parts[None, :, :, None] * (heard - middle)[:, None, None]).astype(np.float32)
-        colour, radius = (colours.MISSING, -1.4) if self._few else (colours.FAINT_MISSING, -0.7)
+        colour, radius = (colours.MISSING, -1.0) if self._few else (colours.FAINT_MISSING, -0.7)
         style = {"colors": colour, "radii": radius, "draw_order": _ORDER[MISSING]}
         self._static(MISSING, rr.LineStrips2D.from_fields(**style))
 
@@ -64,7 +67,7 @@ class NetworkPicture:
         if self._range is None and np.isfinite(values).any():
             # Of a run that is still going on.
             self._range = tuple(float(q) for q in np.nanpercentile(values, [10, 90]))
-            self._scale(self._positions)
+            self._scale()
         painted = colours.scale_colours(values, *(self._range or (0.0, 0.0)))
         every = np.full((len(painted), len(self._positions)), colours.REFERENCE, dtype=np.uint32)
         every[:, [self._header.nodes] if self._header.central else list(self._header.estimator_nodes)] = painted
@@ -105,22 +108,22 @@ class NetworkPicture:
         ):
             self._static(path, rr.Points2D(where, radii=-radius, draw_order=_ORDER[path], **style))
 
-    def _scale(self, positions: np.ndarray) -> None:
+    def _scale(self) -> None:
         """The colours below the network, with what they mean."""
         if self._range is None:
             return
         low, high = self._range
-        corner, extent = positions.min(axis=0), _extent(positions)
-        x = corner[0] + extent[0] * np.linspace(0.0, 1.0, _SCALE_PARTS + 1)
-        y = np.full_like(x, positions[:, 1].max() + 0.7 * _MARGIN * extent.max())
-        line = np.stack([x, y], axis=1)
+        corner, end = _box(self._positions)
+        y = end[1] + _SCALE_BELOW * (end - corner).max()
+        line = np.stack([np.linspace(corner[0], end[0], _SCALE_PARTS + 1), np.full(_SCALE_PARTS + 1, y)], axis=1)
         painted = colours.scale_colours(np.linspace(low, high, _SCALE_PARTS), low, high)
-        strips = np.stack([line[:-1], line[1:]], axis=1)
-        self._static(SCALE, rr.LineStrips2D(strips, colors=painted, radii=-4.0))
-        texts = [f"{low:z.1f} dB or less", f"{(low + high) / 2:z.1f}", f"{high:z.1f} dB or more"]
-        middle = _SCALE_PARTS // 2
-        at = [0, middle, -1]
+        self._static(SCALE, rr.LineStrips2D(np.stack([line[:-1], line[1:]], axis=1), colors=painted, radii=-4.0))
+        texts = [f"{self._value(low)} or less", self._value((low + high) / 2.0), f"{self._value(high)} or more"]
+        at = [0, _SCALE_PARTS // 2, -1]
         self._static(f"{SCALE}/labels", rr.Points2D(line[at], colors=colours.REFERENCE, radii=-0.1, labels=texts, show_labels=True))
+
+    def _value(self, decibels: float) -> str:
+        return f"{10.0 ** (decibels / 20.0):.2g} m" if self._metres else f"{decibels:z.1f} dB"
 
     def _static(self, path: str, archetype: object) -> None:
         self._rec.log(path, archetype, static=True)
@@ -149,19 +152,23 @@ def plane_positions(positions_m: np.ndarray | None, header: Header) -> np.ndarra
     if header.central:
         low, high = plane.min(axis=0), plane.max(axis=0)
         # Above a network of known positions, where no node is; a circle is empty in the middle.
-        above = np.array([(low[0] + high[0]) / 2.0, low[1] - 0.25 * _extent(plane).max()])
+        above = np.array([(low[0] + high[0]) / 2.0, low[1] - 0.25 * max(float((high - low).max()), 1e-3)])
         plane = np.vstack([plane, plane.mean(axis=0) if positions_m is None and header.nodes > 1 else above])
     return plane
 
 
 def bounds(header: Header, scenario: Scenario) -> tuple[tuple[float, float], tuple[float, float]]:
     """What a view has to show, x and y: the network, room for its labels, and the scale of the colours."""
-    plane = plane_positions(scenario.all_positions_m, header)
-    low, high, extent = plane.min(axis=0), plane.max(axis=0), _extent(plane)
-    margin = _MARGIN * extent.max()
-    return (float(low[0] - margin), float(low[0] + extent[0] + margin)), (float(low[1] - margin), float(high[1] + 1.7 * margin))
+    low, high = _box(plane_positions(scenario.all_positions_m, header))
+    margin = _MARGIN * (high - low).max()
+    below = margin * (1.0 + _SCALE_BELOW / _MARGIN)
+    return (float(low[0] - margin), float(high[0] + margin)), (float(low[1] - margin), float(high[1] + below))
 
 
-def _extent(plane: np.ndarray) -> np.ndarray:
-    extent = plane.max(axis=0) - plane.min(axis=0)
-    return np.maximum(extent, max(0.3 * extent.max(), 1e-3) if extent.max() > 0.0 else 1.0)
+def _box(plane: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners around the nodes; a row of them or a single one has some room, too."""
+    low, high = plane.min(axis=0), plane.max(axis=0)
+    extent = high - low
+    least = max(0.3 * extent.max(), 1e-3) if extent.max() > 0.0 else 1.0
+    wider = np.maximum(least - extent, 0.0) / 2.0
+    return low - wider, high + wider

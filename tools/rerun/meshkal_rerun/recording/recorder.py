@@ -39,8 +39,8 @@ _SUMMARY_STYLE = {
     "rms": ("RMS", colours.SUMMARY, 3.0),
     "pooled": ("all nodes together", colours.SUMMARY, 2.5),
     "mean": ("mean", colours.SUMMARY, 2.5),
-    "total": ("all nodes together", colours.SUMMARY, 2.5),
-    "median": ("median", colours.MEDIAN, 2.0),
+    "total": ("all nodes together", colours.SUMMARY, 1.5),
+    "median": ("median", colours.MIDDLE, 2.0),
     # One name for all three parts of the band, so that they are one line of a legend.
     "low": (BAND_NAME, colours.BAND, 0.7),
     "high": (BAND_NAME, colours.BAND, 0.7),
@@ -49,7 +49,7 @@ _SUMMARY_STYLE = {
 }
 # Of more than DRAWN_NODES nodes these have an entity of their own for each node, to be drawn on demand; without truth the test quantity stands
 # for the error. Of the other quantities all nodes are in one entity, which takes a fifth of the space, besides those that are named.
-_SINGLE = ("error_db", "position_error", "theta")
+_SINGLE = ("error_db", "position_error", "nees", "theta")
 
 
 def recording_id(header: Header, run: int, compared: Sequence[str] = ()) -> str:
@@ -76,14 +76,16 @@ def estimator_names(header: Header) -> list[str]:
 
 
 def labels(header: Header, found: Survey) -> list[str]:
-    """Names of the estimators for legends, which say who is worst: the first five; of few the best, too."""
+    """Names of the estimators for legends, which say who is worst: of few the best, too, where they differ by a hundredth at least."""
     out = estimator_names(header)
     known = [e for e in found.rank if np.isfinite(found.badness[e])]
-    if len(known) > 1:
-        if len(known) <= ALL_NAMED:
-            out[known[-1]] += " (best)"
-        for e, what in zip(known[:-1] if len(known) > ALL_NAMED else known[:1], ("worst", "2nd worst", "3rd worst", "4th worst", "5th worst")):
-            out[e] += f" ({what})"
+    if len(known) < 2 or not found.badness[known[0]] > 1.01 * found.badness[known[-1]]:
+        return out
+    if len(known) <= ALL_NAMED:
+        out[known[-1]] += " (best)"
+        known = known[:1]
+    for e, what in zip(known, ("worst", "2nd worst", "3rd worst", "4th worst", "5th worst")):
+        out[e] += f" ({what})"
     return out
 
 
@@ -178,7 +180,7 @@ class Recorder:
                 self._gaps[path] = not np.isfinite(values[:, k]).all()
             # Those that nobody draws go without: a style takes as long as a line.
             if self._is_named[k] or len(self._names) <= DRAWN_NODES:
-                width = 1.5 if self._is_named[k] else 1.0
+                width = 2.5 if self._labels[k].endswith("(worst)") else 1.5 if self._is_named[k] else 1.0
                 as_points = points and self._gaps[path]
                 style = {"marker_sizes": 1.0 + width} if as_points else {"widths": width}
                 archetype = rr.SeriesPoints if as_points else rr.SeriesLines

@@ -90,19 +90,19 @@ def _overview(shown: Shown) -> rrb.Horizontal:
         plots = [shown.plot("nis_ratio", "Test quantity{each}, 1 = as expected (no truth, so no error)", summary="pooled")]
     if header.filter in PLAIN:
         if has_truth:
-            plots.append(shown.plot("nis_ratio", "Test quantity{each}, 1 = as expected", summary="pooled", legend=False))
+            plots.append(shown.plot("nis_ratio", "Test quantity{each}, 1 = as expected", summary="pooled", legend=False, named=()))
         what = "measurements" if header.central else "estimates"
         plots.append(views.series(f"missing_{what}", f"Missing {what} in a step, whole network", ["$origin/network/total"]))
     else:
         plots.append(shown.plot("theta", "Risk sensitivity theta{each}", legend=False))
         plots.append(shown.plot("tolerance", "Tolerance c{each}, nats", axis=_tolerance_axis(first), legend=False))
-    pictures = [views.network(header, scenario, has_truth=has_truth)]
+    pictures = [views.network(header, scenario, has_truth=has_truth)] if header.nodes > 1 else []
     if scenario.position_states:
         name = "Position, m: " + ("truth (white), " if first.truth is not None else "") + "estimates, sensors"
         pictures.append(views.scene(scenario, first, name))
-    else:
+    if not scenario.position_states or header.nodes == 1:
         few = header.estimators <= DRAWN_NODES
-        pictures.append(rrb.Tabs(*views.states(header, has_truth=first.truth is not None, few=few), active_tab=0))
+        pictures.append(rrb.Tabs(*views.states(header, has_truth=first.truth is not None, few=few), active_tab=0, name="States"))
     return rrb.Horizontal(
         rrb.Vertical(*plots, row_shares=[5, 3, 3][: len(plots)]), rrb.Vertical(*pictures), views.words(), column_shares=[5, 5, 4], name="Overview"
     )

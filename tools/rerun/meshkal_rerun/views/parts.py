@@ -10,12 +10,12 @@ from rerun.blueprint.encodings import TextLogColumn
 from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario
 from ..numbers.derive import QUANTILES
-from ..numbers.survey import ALL_NAMED, DRAWN_NODES, Survey
+from ..numbers.survey import ALL_NAMED, Survey
 from ..recording.network import bounds
 from ..recording.scene import viewpoint
 
 LEGEND_NODES = 8
-BACKGROUND = [13, 16, 17]
+BACKGROUND = [13, 13, 13]
 _STATE_PLOTS = 9
 _LOG_COLUMNS = [TextLogColumn("loglevel", visible=True), TextLogColumn("body", visible=True)]
 # A viewer that follows the end would otherwise show the last part of a long run only. Numbers instead of infinity would be
@@ -41,7 +41,7 @@ class Shown:
 
     def plot(self, quantity: str, name: str, **options: object) -> rrb.TimeSeriesView:
         """As the function of that name; {each} in the name is whose lines they are."""
-        return plot(self.header, quantity, name.replace("{each}", self._each(options.get("summary"))), named=self.named, **options)
+        return plot(self.header, quantity, name.replace("{each}", self._each), **({"named": self.named} | options))
 
     def losses(self, quantity: str, name: str) -> rrb.TimeSeriesView:
         """Counts, of which only a total sums up the network."""
@@ -50,7 +50,8 @@ class Shown:
         nodes = [f"$origin/node/{k}" for k in self.named if k in self.header.estimator_nodes]
         return series(quantity, name.replace("{each}", ", all nodes together and the named ones"), ["$origin/network/total", *nodes], legend=True)
 
-    def _each(self, summary: str | None) -> str:
+    @property
+    def _each(self) -> str:
         if self.header.central:
             return " of the centre"
         if self.header.estimators == 1:
@@ -90,8 +91,7 @@ def plot(
 ) -> rrb.TimeSeriesView:
     """Of few nodes each with one summary of the network; of more the median, the band that holds most of them, the summary, and those that
     are named; and `extra`."""
-    few = header.estimators <= ALL_NAMED
-    if few or (header.estimators <= DRAWN_NODES and not named):
+    if header.estimators <= ALL_NAMED:
         contents = ["$origin/node/**", "$origin/centre"]
     else:
         contents = [f"$origin/network/{part}" for part in ("band", *QUANTILES)] + [f"$origin/node/{k}" for k in named if k in header.estimator_nodes]
@@ -103,9 +103,8 @@ def plot(
 
 
 def network(header: Header, scenario: Scenario, *, has_truth: bool) -> rrb.Spatial2DView:
-    what = "error" if has_truth else "test quantity"
-    missing = "no reading arrived" if header.central else "nothing arrived"
-    name = f"Network, colour: {what}, dB; orange, dashed: {missing}"
+    what = "test quantity, dB" if not has_truth else "position error" if header.tracking and scenario.position_states else "error, dB"
+    name = f"Network: {what}; dashed: {'no reading' if header.central else 'nothing'} arrived"
     x, y = bounds(header, scenario)
     return rrb.Spatial2DView(origin="network", name=name, visual_bounds=rrb.VisualBounds2D(x_range=x, y_range=y), background=BACKGROUND)
 

@@ -79,7 +79,7 @@ def _test_quantity(shown: Shown, why: str) -> rrb.View:
 
 def _scene_name(first: Batch) -> str:
     target = "target (white), " if first.truth is not None else ""
-    return f"Position, m: {target}estimates with 3 sigma, sensors, readings of this instant"
+    return f"Position, m: {target}estimates, readings"
 
 
 def _gated(first: Batch) -> bool:
