@@ -144,6 +144,41 @@ def test_only_named_nodes_have_ellipsoids(tmp_path):
     assert labels == [str(k) for k in named]
 
 
+def test_nodes_named_later(tmp_path, monkeypatch):
+    """Of a run that goes on: the second half of the steps has other names."""
+    from meshkal_log import reader
+    from meshkal_log.scenario import parse_scenario
+    from meshkal_rerun.numbers import survey
+    from meshkal_rerun.recording.output import recording_file
+    from meshkal_rerun.recording.recorder import Recorder, recording_id
+    from meshkal_rerun.views.blueprint import blueprint
+
+    monkeypatch.setattr(reader, "BATCH_STEPS", 4)
+    log = Log(nodes=130, steps=8)
+    data = reader.LogReader(io.BufferedReader(io.BytesIO(log.data())))
+    header, scenario = data.header, parse_scenario(data.header)
+    first, second = data.batches(0)
+    found = survey.survey([first, second], header, scenario)
+    begun = survey.unknown(header)
+    named = survey.focus(header, begun)
+    shown = blueprint(header, scenario, first, begun, named)
+    with recording_file(tmp_path / "run.rrd", recording_id(header, 0), shown) as rec:
+        recorder = Recorder(rec, header, scenario, 0, begun, named)
+        recorder.batch(first)
+        recorder.rename(found, survey.focus(header, found))
+        recorder.batch(second)
+        recorder.finish("complete")
+    recording = Recording(tmp_path / "run.rrd")
+    estimate = log.arrays["estimate"][0].reshape(8, 130, 4)
+    now = worst(log)
+    assert named == (0, 1, 2, 3, 4) and set(now) != set(named)
+    drawn = np.array(recording.rows("scene/estimates", "Points3D:positions")[2])[:, :, :2]
+    np.testing.assert_allclose(drawn, np.concatenate([estimate[:4, named, :2], estimate[4:, now, :2]]), rtol=1e-6)
+    assert recording.rows("network/named", "Points2D:labels", static=True)[2][-1][0] == f"node {now[0]} (worst)"
+    np.testing.assert_array_equal(recording.series(f"theta/node/{now[0]}"), log.arrays["theta"][0, :, now[0]])
+    assert recording.rows(f"theta/node/{now[0]}", "SeriesLines:names", static=True)[2][-1] == [f"node {now[0]} (worst)"]
+
+
 def missing_links(recording, log) -> list[set]:
     """(from, to) of each step, told by where the dashes are: in the half of the link at its receiver, in its direction."""
     (places,) = recording.rows("network/nodes", "Points2D:positions", static=True)[2]

@@ -53,7 +53,6 @@ def compared(index: int) -> tuple[str, int]:
 # Blue, sand, red: ordered for the colour-blind too, and none of them vanishes on a dark background.
 _SCALE = np.array([[66, 135, 245], [245, 222, 150], [255, 88, 56]], dtype=np.float64)
 
-
 # Of nodes that are named, from those of Okabe and Ito. Their five ones of equal lightness are two to the colour-blind; these differ in it, too:
 # the first five by 29 units of CIELAB at least in normal vision, deuteranopia and protanopia, all by 14. None is the truth's white.
 _NAMED = (0xE8650AFF, 0x56A5F0FF, 0xF5EA4AFF, 0x5FA27AFF, 0xA040FFFF, 0xA8F7C8FF, 0xA06A28FF, 0x2F6AD0FF)
@@ -68,12 +67,22 @@ class Palette:
     """The colours of nodes, the same in all pictures of a recording: those that are named have one each, the others share one."""
 
     def __init__(self, header: Header, named: Sequence[int]) -> None:
-        self.nodes = np.full(header.nodes, OTHERS, dtype=np.uint32)
-        self.nodes[list(named)] = cycled(len(named))
+        self._estimator_nodes = list(header.estimator_nodes)
+        self.nodes = np.empty(header.nodes, dtype=np.uint32)
+        self.estimators = np.full(header.estimators, MEDIAN, dtype=np.uint32)
+        self.name(named)
+
+    def name(self, named: Sequence[int]) -> None:
+        """In place: who has the arrays sees it."""
         self.named = tuple(named)
-        of = {node: e for e, node in enumerate(header.estimator_nodes)}
-        self.named_estimators = np.array([0] if header.central else [of[k] for k in named if k in of], dtype=np.intp)
-        self.estimators = np.array([MEDIAN], dtype=np.uint32) if header.central else self.nodes[list(header.estimator_nodes)]
+        self.nodes[:] = OTHERS
+        self.nodes[list(named)] = cycled(len(named))
+        # Estimators, in the order of their names; a centre is the only one.
+        self.named_estimators = np.zeros(1, dtype=np.intp)
+        if self._estimator_nodes:
+            self.estimators[:] = self.nodes[self._estimator_nodes]
+            of = {node: e for e, node in enumerate(self._estimator_nodes)}
+            self.named_estimators = np.array([of[k] for k in named if k in of], dtype=np.intp)
 
 
 def with_alpha(colours: np.ndarray, alpha: int) -> np.ndarray:

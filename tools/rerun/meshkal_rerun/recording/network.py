@@ -37,24 +37,14 @@ class NetworkPicture:
     """Positions in metres, y downwards as the viewer has it; of a network without positions a circle. A centre is beside its sensors."""
 
     def __init__(self, rec: rr.RecordingStream, header: Header, scenario: Scenario, found: Survey, palette: colours.Palette, labels: list[str]) -> None:
-        """labels: of the estimators that are named. Blue and red are found.shade_range_db."""
-        self._rec, self._header, self._range = rec, header, found.shade_range_db
-        self._metres = header.timed and scenario.position_states is not None and found.has_truth
+        """labels: of the estimators, for those that are named. Blue and red are found.shade_range_db."""
+        self._rec, self._header, self._palette = rec, header, palette
         self._heard = Heard(header)
         self._positions = positions = plane_positions(scenario.all_positions_m, header)
         self._few = header.nodes <= DRAWN_NODES
-        names = [str(k) for k in range(header.nodes)] + (["centre"] if header.central else [])
         self._links(header, positions)
-        self._rings(header, positions, palette, labels)
-        labelled = header.nodes <= _LABELLED_NODES
-        shown = [name if labelled and not (k in palette.named and not header.central) else "" for k, name in enumerate(names)]
-        radii = np.full(len(names), -6.0 if self._few else -2.5, dtype=np.float32)
-        if header.central:
-            radii[-1] = -11.0
-        else:
-            radii[list(palette.named)] = -6.0
-        self._static(NODES, rr.Points2D.from_fields(positions=positions, radii=radii, labels=shown, show_labels=labelled, draw_order=_ORDER[NODES]))
-        self._scale()
+        self.style_again(labels)
+        self.shade(found, scenario)
         middle, heard = (positions[self._heard.sender] + positions[self._heard.receiver]) / 2.0, positions[self._heard.receiver]
         parts = np.array(_DASHES if self._few else _PIECE)
         self._dashes = (middle[:, None, None] + parts[None, :, :, None] * (heard - middle)[:, None, None]).astype(np.float32)
@@ -62,13 +52,27 @@ class NetworkPicture:
         style = {"colors": colour, "radii": radius, "draw_order": _ORDER[MISSING]}
         self._static(MISSING, rr.LineStrips2D.from_fields(**style))
 
+    def shade(self, found: Survey, scenario: Scenario) -> None:
+        """Blue and red from now on."""
+        self._range = found.shade_range_db
+        self._metres = found.has_truth and in_metres(self._header, scenario)
+        self._scale()
+
+    def style_again(self, labels: list[str]) -> None:
+        """The nodes, and those that are named."""
+        header, palette, positions = self._header, self._palette, self._positions
+        names = [str(k) for k in range(header.nodes)] + (["centre"] if header.central else [])
+        labelled = header.nodes <= _LABELLED_NODES
+        shown = [name if labelled and (header.central or k not in palette.named) else "" for k, name in enumerate(names)]
+        radii = np.full(len(names), -6.0 if self._few else -2.5, dtype=np.float32)
+        radii[[-1] if header.central else list(palette.named)] = -11.0 if header.central else -6.0
+        self._static(NODES, rr.Points2D.from_fields(positions=positions, radii=radii, labels=shown, show_labels=labelled, draw_order=_ORDER[NODES]))
+        self._rings(labels)
+
     def batch(self, times: list, batch: Batch, quantities: dict[str, np.ndarray]) -> None:
         values = shade_db(quantities)
-        if self._range is None and np.isfinite(values).any():
-            # Of a run that is still going on.
-            self._range = tuple(float(q) for q in np.nanpercentile(values, [10, 90]))
-            self._scale()
-        painted = colours.scale_colours(values, *(self._range or (0.0, 0.0)))
+        # Without a range nobody knows what much is.
+        painted = colours.scale_colours(values, *self._range) if self._range else np.full(values.shape, colours.UNKNOWN, dtype=np.uint32)
         every = np.full((len(painted), len(self._positions)), colours.REFERENCE, dtype=np.uint32)
         every[:, [self._header.nodes] if self._header.central else list(self._header.estimator_nodes)] = painted
         each = np.full(len(every), every.shape[1])
@@ -95,13 +99,14 @@ class NetworkPicture:
             arrows = rr.Arrows2D(origins=positions[one_way[:, 0]], vectors=vectors, colors=colour, radii=-0.7, draw_order=_ORDER[ONE_WAY])
             self._static(ONE_WAY, arrows)
 
-    def _rings(self, header: Header, positions: np.ndarray, palette: colours.Palette, labels: list[str]) -> None:
+    def _rings(self, labels: list[str]) -> None:
         """Around the nodes that are named: a disc in the node's colour, and a smaller dark one on it."""
+        header, palette = self._header, self._palette
         named = [] if header.central else [header.estimator_nodes[e] for e in palette.named_estimators]
         if not named:
             return
         labels = [labels[e] for e in palette.named_estimators]
-        where, inner = positions[named], 8.0 if self._few else 5.0
+        where, inner = self._positions[named], 8.0 if self._few else 5.0
         for path, radius, style in (
             (NAMED, inner + 3.0, {"colors": palette.nodes[named], "labels": labels, "show_labels": True}),
             (f"{NAMED}/gap", inner, {"colors": colours.BACKGROUND, "show_labels": False}),
@@ -127,6 +132,11 @@ class NetworkPicture:
 
     def _static(self, path: str, archetype: object) -> None:
         self._rec.log(path, archetype, static=True)
+
+
+def in_metres(header: Header, scenario: Scenario) -> bool:
+    """Whether the error that colours nodes is that of the position."""
+    return header.timed and scenario.position_states is not None
 
 
 def links(header: Header) -> tuple[np.ndarray, np.ndarray]:

@@ -96,11 +96,9 @@ class Recorder:
         self._rec = rec
         self._header, self._scenario = header, scenario
         self._names = estimator_names(header)
-        self._labels = labels(header, found)
         self._palette = colours.Palette(header, named)
         self._colours = self._palette.estimators
-        self._named_nodes = np.isin(np.arange(header.nodes), named)
-        self._is_named = np.ones(1, dtype=bool) if header.central else self._named_nodes[list(header.estimator_nodes)]
+        self._name(found, named)
         self._first_row = np.concatenate([[0], np.cumsum(header.rows)])
         self._clock = Clock(header)
         self._shade_range = found.shade_range_db
@@ -119,6 +117,20 @@ class Recorder:
         self._marks = IntegrityMarks(rec, self._clock, header, scenario) if header.monitor and self._picture else None
         self._summary = _SUMMARIES[header.kind](header, scenario, run, self._names)
         rec.send_recording_name(f"{scenario.name}: {header.filter}, run {run}")
+
+    def _name(self, found: Survey, named: Sequence[int]) -> None:
+        self._palette.name(named)
+        self._labels = labels(self._header, found)
+        self._is_named = np.isin(np.arange(self._header.estimators), self._palette.named_estimators)
+
+    def rename(self, found: Survey, named: Sequence[int]) -> None:
+        """Other nodes are named from now on: of a run that goes on."""
+        self._name(found, named)
+        self._series.style_again()
+        if self._scene:
+            self._scene.style_again()
+        if self._picture:
+            self._picture.style_again(self._labels)
 
     def batch(self, batch: Batch) -> None:
         times = self._clock.times(batch)
@@ -204,7 +216,7 @@ class Recorder:
         alone = range(header.nodes)
         if header.nodes > DRAWN_NODES:
             self._series.lines("measurement/nodes", times, values, widths=1.0)
-            alone = [k for k in alone if self._named_nodes[k]]
+            alone = [k for k in alone if k in self._palette.named]
         for k in alone:
             rows, first = header.rows[k], self._first_row[k]
             if rows:

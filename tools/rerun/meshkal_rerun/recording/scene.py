@@ -26,19 +26,25 @@ class Scene:
         self._path: list[np.ndarray] = []  # every known true position, for the whole path
         self._path_of = "truth"
         self._recent = np.zeros((0, 3), dtype=np.float32)  # the last of them, for the trail
-        # Of many nodes those that are named, and the others as small points: their ellipsoids would cover all.
-        many = header.estimators > DRAWN_NODES
-        self._shown = palette.named_estimators if many else np.arange(header.estimators)
-        self._others = np.setdiff1d(np.arange(header.estimators), self._shown)
+        self._names, self._palette = names, palette
+        self._everyone = np.arange(header.estimators)
+        self._shown = self._others = self._everyone[:0]
+        self.style_again()
+        self._sensors(header, scenario, palette)
+
+    def style_again(self) -> None:
+        """Of many nodes those that are named are shown, and the others as small points: their ellipsoids would cover all."""
+        palette = self._palette
+        self._shown = palette.named_estimators if len(self._everyone) > DRAWN_NODES else self._everyone
+        self._others = np.setdiff1d(self._everyone, self._shown)
         # Negative radii are sizes on the screen, which suit any scale of the scene.
         if len(self._others):
             self._style(OTHERS, rr.Points3D, colors=colours.OTHERS, radii=-1.2)
-        names, painted = [names[k] for k in self._shown], palette.estimators[self._shown]
+        names, painted = [self._names[e] for e in self._shown], palette.estimators[self._shown]
         radii = np.where(np.isin(self._shown, palette.named_estimators), np.float32(-5.0), np.float32(-3.0))
         self._style("scene/estimates", rr.Points3D, colors=painted, labels=names, show_labels=False, radii=radii)
         faint = colours.with_alpha(painted, 90)
         self._style(ELLIPSOIDS, rr.Ellipsoids3D, colors=faint, labels=names, show_labels=False, line_radii=-0.4)
-        self._sensors(header, scenario, palette)
 
     def _sensors(self, header: Header, scenario: Scenario, palette: colours.Palette) -> None:
         positions = scenario.node_positions_m

@@ -70,6 +70,10 @@ class Series:
         if self.first(path):
             self.rec.log(path, archetype(**style, **(self._line_style if archetype is rr.SeriesLines else {})), static=True)
 
+    def style_again(self) -> None:
+        """Styles are sent anew with the next numbers."""
+        self._styled.clear()
+
     def has(self, path: str) -> bool:
         return path in self._styled
 

@@ -11,7 +11,7 @@ from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario
 from ..numbers.derive import QUANTILES
 from ..numbers.survey import ALL_NAMED, Survey
-from ..recording.network import bounds
+from ..recording.network import bounds, in_metres
 from ..recording.scene import viewpoint
 
 LEGEND_NODES = 8
@@ -103,7 +103,7 @@ def plot(
 
 
 def network(header: Header, scenario: Scenario, *, has_truth: bool) -> rrb.Spatial2DView:
-    what = "test quantity, dB" if not has_truth else "position error" if header.tracking and scenario.position_states else "error, dB"
+    what = "test quantity, dB" if not has_truth else "position error" if in_metres(header, scenario) else "error, dB"
     name = f"Network: {what}; dashed: {'no reading' if header.central else 'nothing'} arrived"
     x, y = bounds(header, scenario)
     return rrb.Spatial2DView(origin="network", name=name, visual_bounds=rrb.VisualBounds2D(x_range=x, y_range=y), background=BACKGROUND)
