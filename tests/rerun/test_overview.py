@@ -224,6 +224,15 @@ def test_missing_readings_of_a_centre(tmp_path, make):
     assert missing_links(recording, log) == expected
 
 
+def test_colours_of_position_errors_are_told_in_metres(tmp_path):
+    log = TrackingLog(steps=9)
+    recording, _ = convert(log.data(), tmp_path / "run.rrd")
+    estimate = log.arrays["estimate"][0].reshape(9, 5, 4)
+    low, high = 10 ** (np.percentile(decibels(np.linalg.norm(estimate[:, :, :2] - log.arrays["truth"][0][:, None, :2], axis=2)), [10, 90]) / 20)
+    assert recording.rows("network/scale/labels", "Points2D:labels", static=True)[2][0][::2] == [f"{low:.2g} m or less", f"{high:.2g} m or more"]
+    assert f"blue {low:.2g} m or less, red {high:.2g} m or more; position error" in recording.summary()
+
+
 @pytest.mark.parametrize("nodes", [5, 20, 130])
 def test_a_node_has_one_colour(tmp_path, nodes):
     log = Log(nodes=nodes, steps=6)
