@@ -7,7 +7,7 @@ import numpy as np
 
 from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario
-from ..numbers.survey import Survey, quantities, shade_db, unknown
+from ..numbers.survey import Survey, per_estimator, shade_db, unknown
 
 _ROWS = 512
 
@@ -19,11 +19,13 @@ class Running:
         self._header, self._scenario = header, scenario
         self._squares, self._known = np.zeros(header.estimators), np.zeros(header.estimators)
         self._steps = 0
+        self._has_truth = False
         self._rows: list[np.ndarray] = []
         self._stride = 1
 
     def batch(self, batch: Batch) -> None:
-        each, _ = quantities(batch, self._header, self._scenario)
+        each = per_estimator(batch, self._header, self._scenario)
+        self._has_truth = "error_db" in each or "position_error" in each
         shade = shade_db(each)
         first = -self._steps % self._stride
         self._steps += len(shade)
@@ -37,9 +39,10 @@ class Running:
 
     def survey(self) -> Survey:
         with np.errstate(divide="ignore", invalid="ignore"):
-            badness = np.sqrt(self._squares / self._known)
+            mean = self._squares / self._known
+        badness = np.sqrt(mean) if self._has_truth else mean
         values = np.concatenate(self._rows) if self._rows else np.zeros(0)
         values = values[np.isfinite(values)]
         span = tuple(float(q) for q in np.percentile(values, [10, 90])) if len(values) else None
         rank = tuple(int(e) for e in np.argsort(-badness, kind="stable"))
-        return replace(unknown(self._header), steps=self._steps, rank=rank, badness=badness, shade_range_db=span)
+        return replace(unknown(self._header), steps=self._steps, rank=rank, badness=badness, shade_range_db=span, has_truth=self._has_truth)

@@ -29,8 +29,8 @@ _REFRESH_S = 1.0
 _FLUSH_S = 0.25
 _MOST_STEPS = 2048
 # After these times the worst nodes are looked for again.
-_FOCUS_S = (5.0, 30.0, 120.0)
-_FOCUS_EVERY_S = 600.0
+_FOCUS_S = (5.0, 30.0, 120.0, 600.0)
+_FOCUS_EVERY_S = 3600.0
 
 
 class Viewers(threading.Thread):
@@ -143,7 +143,7 @@ class Viewers(threading.Thread):
         named = focus(self._header, found, self._nodes)
         if set(named) != set(self._named):
             self._named = named
-            self._recorder.rename(named)
+            self._recorder.rename(found, named)
             self._rec.send_blueprint(self._blueprint(self._window_s), make_active=active)
 
     def _rows(self) -> list[tuple[str, str]]:

@@ -2,4 +2,4 @@
 """Blueprints: what the viewer shows of a recording."""
 
 # By their names on the command line, which is quicker to understand without rerun.
-VIEWS = ("overview", "summary", "node", "compare", "integrity", "consensus")
+VIEWS = ("overview", "node", "compare", "integrity", "consensus", "summary")
