@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from test_convert import read_parquet
+from converted import read_parquet
 from test_integrity_simulator import scenario
 from test_tracking_simulator import SCENARIO, SIMULATOR, simulate
 

@@ -76,8 +76,12 @@ class _OneRun(LogReader):
 def batches_of(reader: LogReader, run: int | None) -> Iterator[tuple[int, Batch]]:
     """(run, batch by `whole_rows`) of one run, or of all, one after another, in one pass; `reader.end` and `reader.warnings` are whole afterwards."""
     if run is not None:
+        found = False
         for batch in reader.batches(run):
+            found = True
             yield run, whole_rows(batch, reader.header)
+        if not found and run >= reader.header.runs:
+            raise LogError(f"the log has no step of run {run}")
         return
     for number, items in groupby(reader._steps(), key=itemgetter("run")):
         for batch in _OneRun(reader, items).batches(number):
