@@ -4,6 +4,7 @@
 import argparse
 import io
 import os
+import re
 import shlex
 import sys
 import tempfile
@@ -143,7 +144,9 @@ def _figure(picture: Picture) -> str:
         out = io.StringIO()
         # Without a date the same run gives the same page.
         picture.figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
-        return page.figure(out.getvalue().encode(), "svg+xml", picture.title, picture.alt)
+        # The document type names an address, and viewers do without it.
+        drawing = re.sub(r"<!DOCTYPE[^>]*>\s*", "", out.getvalue(), count=1)
+        return page.figure(drawing.encode(), "svg+xml", picture.title, picture.alt)
     out = io.BytesIO()
     picture.figure.savefig(out, format="png")
     return page.figure(png.encoded(Image.open(out)), "png", picture.title, picture.alt)
@@ -170,12 +173,18 @@ def _again(run: Run) -> Iterator[str]:
 
 
 def simulation(run: Run) -> list[str]:
-    """The command that writes the same log; `nominal` truth is its default."""
+    """The command that writes the same log. What a log does not say is taken from the scenario: a tolerance or a rule given by an option is lost."""
     header = run.header
     words = ["meshkal", "simulate", "scenario.json", "--filter", header.filter, "--seed", str(header.seed), "--steps", str(header.steps),
              "--runs", str(header.runs), "--real", header.real]
-    if header.loss and not header.navigation:
-        words += ["--loss", repr(header.loss)]
+    if header.truth == "least-favourable":
+        words += ["--truth", header.truth]
+    if header.loss:
+        words += ["--loss", repr(float(header.loss))]
+    if header.tracking:
+        words += ["--gate", repr(float(header.gate)) if header.gate else "none", "--increments", str(header.increments)]
+    if header.filter == "duif":
+        words += ["--protocol", header.protocol, "--iterations", str(header.iterations)]
     if header.monitor:
-        words += ["--monitor", header.monitor, "--window", str(header.monitor_window), "--false-alarm", repr(header.monitor_false_alarm)]
+        words += ["--monitor", header.monitor, "--window", str(header.monitor_window), "--false-alarm", repr(float(header.monitor_false_alarm))]
     return [*words, "--out", "run.cbor"]

@@ -107,7 +107,10 @@ class Viewer:
         except ViewerError:
             raise
         except Exception as error:
-            ended = self._process.poll()
+            try:
+                ended = self._process.wait(0.5)
+            except subprocess.TimeoutExpired:
+                ended = None
             reason = f"it did not within {seconds:.0f} s" if ended == -9 else f"it ended with status {ended}" if ended is not None else _line(error)
             raise ViewerError(f"the viewer could not {what}: {reason}") from None
         finally:
@@ -169,7 +172,7 @@ def _environment(home: Path) -> dict[str, str]:
     data = folders["XDG_DATA_HOME"] / "rerun" / "analytics"
     settings.write_text(json.dumps({"analytics_enabled": False, "analytics_id": "", "metadata": {}, "config_file_path": str(settings),
                                     "data_dir_path": str(data)}))
-    return {**os.environ, "HOME": str(home), **{name: str(folder) for name, folder in folders.items()}, "MESA_SHADER_CACHE_DISABLE": "true"}
+    return {**os.environ, "HOME": str(home), "TMPDIR": str(home), **{name: str(folder) for name, folder in folders.items()}, "MESA_SHADER_CACHE_DISABLE": "true"}
 
 
 def _connect(port: int, process: subprocess.Popen) -> ViewerClient | None:
