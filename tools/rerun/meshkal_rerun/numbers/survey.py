@@ -2,7 +2,7 @@
 """The first reading of a log: who is worst, and how far values reach, so that what is shown can be chosen before it is written."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario
 
 from . import derive, navigation, tracking
+from .departures import Departures, Episode, Watch
 
 # More would not be told apart, neither by colour nor in a legend.
 ALL_NAMED = 8
@@ -22,6 +23,12 @@ class Survey:
     rank: tuple[int, ...]  # estimators, the worst first, those of which nothing is known last
     badness: np.ndarray  # (E,): RMS of the error; without truth the mean of the test quantity; NaN: unknown
     shade_range_db: tuple[float, float] | None  # of what nodes are coloured by
+    departures: Departures = field(default_factory=Departures)  # when nodes went wrong
+
+    @property
+    def moment(self) -> Episode | None:
+        """When the worst estimator went wrong; None if it did not."""
+        return self.departures.worst(self.rank[0])
 
 
 def quantities(batch: Batch, header: Header, scenario: Scenario) -> tuple[dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
@@ -48,10 +55,11 @@ def shade_db(each: dict[str, np.ndarray]) -> np.ndarray:
 
 def survey(batches: Iterable[Batch], header: Header, scenario: Scenario) -> Survey:
     squares, known, steps = np.zeros(header.estimators), np.zeros(header.estimators), 0
-    shades = []
+    shades, watch = [], Watch(header)
     for batch in batches:
         steps += len(batch.step)
         each, _ = quantities(batch, header, scenario)
+        watch.batch(batch, each)
         shade = shade_db(each)
         shades.append(shade.astype(np.float32))
         known += np.isfinite(shade).sum(axis=0)
@@ -66,7 +74,7 @@ def survey(batches: Iterable[Batch], header: Header, scenario: Scenario) -> Surv
     # The extremes are left out: one start-up transient would otherwise paint the rest in one colour.
     span = tuple(float(q) for q in np.percentile(values, [10, 90])) if len(values) else None
     # NaN sorts last; equal ones stay in the order of their numbers.
-    return Survey(steps, tuple(int(e) for e in np.argsort(-badness, kind="stable")), badness, span)
+    return Survey(steps, tuple(int(e) for e in np.argsort(-badness, kind="stable")), badness, span, watch.departures())
 
 
 def unknown(header: Header) -> Survey:
