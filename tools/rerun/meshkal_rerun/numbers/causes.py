@@ -118,7 +118,7 @@ class Causes:
         for node in some[:_NAMED]:
             last = rows.start + int(np.flatnonzero(faulty[rows, node])[0])
             _, since = self._faulty.at(faulty, batch, time_s, last, node)
-            texts.append(f"fault of the sensor of {self._header.sensor_name(node)} since {since:.6g} s")
+            texts.append(f"sensor fault of {self._header.sensor_name(node)} since {since:.6g} s")
         return texts + ([f"faults of {len(some) - _NAMED} more sensors"] if len(some) > _NAMED else [])
 
     def _silence(self, e: int, quiet: np.ndarray, batch: Batch, time_s: np.ndarray, row: int) -> list[str]:
@@ -142,12 +142,10 @@ class Causes:
 
 
 def episode_text(episode: Episode, name: str, of_position: bool) -> str:
-    """"node 7: error up to 8.1 times the usual (..)": without times, which a log has beside it."""
+    """"node 7: error up to 8.1 times its usual (6.3 m)": short, for a log shows one line, and the time beside it."""
     if not episode.of_error:
-        return f"{name}: test quantity up to {episode.ratio:.3g} (expected 1)"
-    against = f", {episode.against:.3g} times the network's median" if math.isfinite(episode.against) else ""
-    value = f"{episode.value:.3g} m" if of_position else f"{episode.value:.3g}"
-    return f"{name}: error up to {value}, {episode.ratio:.3g} times its usual level{against}"
+        return f"{name}: test quantity up to {episode.ratio:.3g} times the expected"
+    return f"{name}: error up to {episode.ratio:.3g} times its usual ({episode.value:.3g}{' m' if of_position else ''})"
 
 
 def when(episode: Episode) -> str:

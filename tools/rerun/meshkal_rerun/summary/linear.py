@@ -6,6 +6,7 @@ import numpy as np
 from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario
 from ..numbers import derive
+from .head import Head
 from .integrity import IntegritySummary
 
 _FILTER_NAMES = {
@@ -19,7 +20,8 @@ _FILTER_NAMES = {
 
 
 class Summary:
-    def __init__(self, header: Header, scenario: Scenario, run: int, names: list[str]) -> None:
+    def __init__(self, header: Header, scenario: Scenario, run: int, names: list[str], head: Head) -> None:
+        self._head = head
         self._header, self._scenario, self._run, self._names = header, scenario, run, names
         self._steps = 0
         self._last_step = 0
@@ -56,7 +58,17 @@ class Summary:
             self._last_rms_db = float(network["error_db"]["rms"][-1])
 
     def text(self, end: str | None, colour_range: tuple[float, float] | None) -> str:
-        return "\n\n".join([self._title(), table("Result", self._result(end)), self._legend(colour_range), table("Scenario", self._facts())])
+        return "\n\n".join([self._title(), self._head.text(self._good()), table("Result", self._result(end)), self._legend(colour_range), table("Scenario", self._facts())])
+
+    def _good(self) -> str:
+        """In a line."""
+        out = []
+        if self._known.any():
+            out.append(f"RMS error {db(self._squares.sum() / self._known.sum())}" + (" over all nodes" if self._header.estimators > 1 else ""))
+        return ", ".join([*out, *self._fit()])
+
+    def _fit(self) -> list[str]:
+        return [f"test quantity {self._nis[0] / self._nis[1]:.2f} (expected 1)"] if self._nis[1] > 0 else []
 
     def _title(self) -> str:
         return f"# {self._scenario.name}\n\n{_FILTER_NAMES[self._header.filter]} (`{self._header.filter}`)"

@@ -12,6 +12,7 @@ from ..numbers.survey import Survey
 from ..recording.series import seconds_timeline
 from . import integrity as integrity_blueprint
 from . import navigation as navigation_blueprint
+from . import node as node_blueprint
 from . import parts as views
 from . import tracking as tracking_blueprint
 from .parts import DRAWN_NODES, plot
@@ -38,6 +39,8 @@ def blueprint(
         front = tracking_blueprint.front(header, scenario, first, compared, few=few)
     else:
         front = {"overview": _overview(header, scenario, first, few=few)}
+    if not header.navigation:
+        front["node"] = node_blueprint.tab(header, scenario, first, found, named)
     if header.monitor:
         front["integrity"] = integrity_blueprint.tab(header, first)
     if view is not None and view not in front:
