@@ -9,14 +9,14 @@ import numpy as np
 from meshkal_log.fields import Batch, Decision, Header
 from . import integrity
 from .departures import NETWORK, Episode, seconds
+from .silence import nothing_arrived, silent_steps
 
 # The bits of meshkal/rkfd.h.
 FAULTS = {0: "measurement missing", 1: "estimate missing", 2: "input refused", 3: "no measurement at all"}
 # With lossy links the first two come and go at every step; what is missing is counted, and would bury the others.
 LOGGED = np.uint32(0xFFFFFFFF & ~0b11)
 _AFTER = 3  # steps after the begin that still tell of its cause
-_SILENT = 5  # steps without a message are silence, if they are not likely to be loss
-_UNLIKELY = 1e-3
+_UNLIKELY = 1e-3  # of so long a silence by loss alone: at the moment of a departure less is enough
 _NAMED = 3
 
 
@@ -59,14 +59,13 @@ class Causes:
         self.texts: dict[Episode, list[str]] = {}
         slots = sum(map(len, header.slots))
         self._quiet, self._faulty = _Since(slots), _Since(header.nodes)
-        loss = min(max(header.loss, 0.0), 0.99)
-        self._silent = max(_SILENT, math.ceil(math.log(_UNLIKELY) / math.log(loss))) if loss > 0.0 else _SILENT
+        self._silent = silent_steps(header.loss, unlikely=_UNLIKELY)
 
     def batch(self, batch: Batch) -> None:
         if not self._episodes:
             return
         time_s = seconds(batch, self._header)
-        quiet = self._nothing_arrived(batch)
+        quiet = nothing_arrived(batch, self._header)
         fault = integrity.faulty_now(batch, self._header)
         faulty = np.zeros((len(batch.step), self._header.nodes), dtype=bool) if fault is None else fault != 0.0
         if batch.faulty is not None:
@@ -81,15 +80,6 @@ class Causes:
                     self.texts[episode] = self._of(episode.estimator, faulty, quiet, batch, time_s, rows)
         self._quiet.advance(quiet, batch, time_s)
         self._faulty.advance(faulty, batch, time_s)
-
-    def _nothing_arrived(self, batch: Batch) -> np.ndarray:
-        """(T, slots): neither reading nor estimate; of the own slot, and at a centre, no reading."""
-        quiet = batch.measurements_arrived == 0
-        if batch.estimates_arrived is not None:
-            heard = batch.estimates_arrived != 0
-            heard[:, self._header.slot_starts] = False  # the own estimate is always there
-            quiet = quiet & ~heard
-        return quiet
 
     def _of(self, e: int, faulty: np.ndarray, quiet: np.ndarray, batch: Batch, time_s: np.ndarray, rows: slice) -> list[str]:
         header, first = self._header, int(self._header.slot_starts[e])
@@ -125,10 +115,10 @@ class Causes:
         header, first = self._header, int(self._header.slot_starts[e])
         since = {}
         for l, node in enumerate(header.slots[e]):
-            if header.tracking and (l == 0 or header.central):
-                continue  # a sensor that does not see the target is not silent
-            found = self._quiet.at(quiet, batch, time_s, row, first + l)
-            if found and batch.step[row] - found[0] + 1 >= self._silent:
+            last = min(row + self._silent, len(batch.step) - 1)
+            found = self._quiet.at(quiet, batch, time_s, last, first + l)
+            # What falls silent after the begin is no cause.
+            if found and found[0] <= batch.step[row] + 1 and batch.step[last] - found[0] + 1 >= self._silent:
                 since[node] = found[1]
         own = None if header.central else header.estimator_nodes[e]
         out = []

@@ -17,6 +17,7 @@ import numpy as np
 
 from meshkal_log.fields import Batch, Header
 from . import derive
+from .silence import Silence, Silences
 from .tracking import chi_square_upper_quantile
 
 NETWORK = -1  # in place of the number of an estimator
@@ -43,18 +44,25 @@ class Episode:
     against: float  # at the peak: the error over the network's median; NaN where there is none
 
 
+def serious(episode: Episode) -> tuple[bool, float]:
+    """By how serious they are: errors before test quantities."""
+    return episode.of_error, episode.ratio
+
+
 @dataclass(frozen=True)
 class Departures:
     episodes: tuple[Episode, ...] = ()  # in order of their begins
     of_position: bool = False  # the error is that of the position, in metres
     levels: np.ndarray | None = None  # (E,): settled level of the error over that of most estimators; None without truth
+    silences: tuple[tuple[Silence, Episode], ...] = ()  # with their times, in an episode without numbers
+    missing: np.ndarray | None = None  # (E,): share of others' messages that did not arrive
 
     def of(self, estimator: int) -> tuple[Episode, ...]:
         return tuple(episode for episode in self.episodes if episode.estimator == estimator)
 
     def worst(self, estimator: int) -> Episode | None:
-        """The episode of the error with the largest ratio; if the error has none, of the test quantity."""
-        return max(self.of(estimator), key=lambda episode: (episode.of_error, episode.ratio), default=None)
+        """The most serious episode."""
+        return max(self.of(estimator), key=serious, default=None)
 
 
 class Watch:
@@ -68,6 +76,7 @@ class Watch:
         self._nis: list[np.ndarray] = []
         self._rows: list[np.ndarray] = []
         self._of_position = False
+        self._silences = Silences(header)
 
     def batch(self, batch: Batch, each: dict[str, np.ndarray]) -> None:
         """each: of survey.quantities."""
@@ -79,6 +88,7 @@ class Watch:
             self._nis.append(batch.nis.astype(np.float32))
             if error is not None:
                 self._error.append(error.astype(np.float32))
+        self._silences.batch(batch)
         self._rows.append(np.minimum(batch.nis_rows, np.iinfo(np.uint16).max).astype(np.uint16))
 
     def departures(self) -> Departures:
@@ -91,13 +101,14 @@ class Watch:
             dimensions = self._header.positions if self._of_position else self._header.states
             rows, levels = error_episodes(np.concatenate(self._error).astype(np.float64), dimensions)
             found += [(True, *row) for row in rows]
-        episodes = [
-            Episode(of_error, who, float(time_s[begin]), float(time_s[end]), float(time_s[peak]), int(step[begin]), int(step[end]),
-                    end == len(step) - 1, ratio, value, against)
-            for of_error, who, begin, end, peak, ratio, value, against in found
-        ]
-        episodes.sort(key=lambda episode: (episode.begin_s, episode.estimator, episode.of_error))
-        return Departures(tuple(episodes), self._of_position, levels)
+        def episode(of_error: bool, who: int, begin: int, end: int, peak: int, ratio: float, value: float, against: float) -> Episode:
+            return Episode(of_error, who, float(time_s[begin]), float(time_s[end]), float(time_s[peak]), int(step[begin]), int(step[end]),
+                           end == len(step) - 1, ratio, value, against)
+
+        episodes = sorted((episode(*row) for row in found), key=lambda e: (e.begin_s, e.estimator, e.of_error))
+        silences, missing = self._silences.finish()
+        timed = tuple((s, episode(False, s.estimator, s.begin, s.end, s.begin, math.nan, math.nan, math.nan)) for s in silences)
+        return Departures(tuple(episodes), self._of_position, levels, timed, missing)
 
 
 def seconds(batch: Batch, header: Header) -> np.ndarray:

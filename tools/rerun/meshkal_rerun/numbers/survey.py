@@ -3,6 +3,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario
 
 from . import derive, navigation, tracking
-from .departures import Departures, Episode, Watch
+from .departures import NETWORK, Departures, Episode, Watch, serious
 
 # More would not be told apart, neither by colour nor in a legend.
 ALL_NAMED = 8
@@ -27,8 +28,9 @@ class Survey:
 
     @property
     def moment(self) -> Episode | None:
-        """When the worst estimator went wrong; None if it did not."""
-        return self.departures.worst(self.rank[0])
+        """When the worst estimator's error departed; if it did not, the most serious departure of all. None if there was none."""
+        worst = self.departures.worst(self.rank[0])
+        return worst if worst and worst.of_error else max(self.departures.episodes, key=serious, default=None)
 
 
 def quantities(batch: Batch, header: Header, scenario: Scenario) -> tuple[dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
@@ -83,10 +85,16 @@ def unknown(header: Header) -> Survey:
 
 
 def focus(header: Header, found: Survey, wanted: Sequence[int] = ()) -> tuple[int, ...]:
-    """Nodes that are named and coloured: those that are wanted, then the worst; of few all; of a centre its sensors."""
+    """Nodes that are named and coloured: those that are wanted, then the worst throughout and those that departed most, the worst first; of few all;
+    of a centre its sensors."""
     if header.central:
         return tuple(dict.fromkeys([*wanted, *range(header.nodes)]))
     if header.estimators <= ALL_NAMED:
         return header.estimator_nodes
-    worst = [header.estimator_nodes[e] for e in found.rank]
-    return tuple(dict.fromkeys([*wanted, *worst]))[: max(NAMED, len(wanted))]
+    departed = [episode.estimator for episode in sorted(found.departures.episodes, key=serious, reverse=True) if episode.estimator != NETWORK]
+    departed += [silence.estimator for silence, _ in found.departures.silences]
+    departed = list(dict.fromkeys(departed))
+    mixed = [e for pair in zip_longest(found.rank, departed) for e in pair if e is not None]
+    room = max(NAMED - len(wanted), 0)
+    chosen = set([e for e in dict.fromkeys(mixed) if header.estimator_nodes[e] not in wanted][:room])
+    return tuple(dict.fromkeys([*wanted, *(header.estimator_nodes[e] for e in found.rank if e in chosen)]))

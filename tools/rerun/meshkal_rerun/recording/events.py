@@ -5,7 +5,8 @@ import rerun as rr
 
 from meshkal_log.fields import Header
 from ..numbers.causes import Causes, episode_text
-from ..numbers.departures import NETWORK, Departures, Episode
+from ..numbers.departures import NETWORK, Departures, Episode, serious
+from ..numbers.silence import silence_text
 from .series import Clock
 
 ORIGIN = "events"
@@ -24,25 +25,24 @@ def name(names: list[str], estimator: int) -> str:
 
 
 def send(rec: rr.RecordingStream, clock: Clock, header: Header, names: list[str], departures: Departures, causes: Causes) -> None:
-    worst = sorted(departures.episodes, key=lambda episode: (not episode.of_error, -episode.ratio))[:MOST]
-    entries: dict[str, list[tuple[Episode, bool]]] = {}
-    for episode in worst:
-        mine = entries.setdefault(path(header, episode.estimator), [])
-        mine.append((episode, True))
-        if not episode.lasts:
-            mine.append((episode, False))
+    entries: dict[str, list[tuple[int, float, str, str]]] = {}
+    for episode in sorted(departures.episodes, key=serious, reverse=True)[:MOST]:
+        who = name(names, episode.estimator)
+        known = "; ".join(causes.texts.get(episode, []))
+        said = episode_text(episode, who, departures.of_position)
+        over = f"{who}: {'error' if episode.of_error else 'test quantity'} as usual"
+        _add(entries, path(header, episode.estimator), episode, said, f"; {known}" if known else "", over, "ERROR" if episode.of_error else "WARN")
+    for silence, span in departures.silences[:MOST]:
+        said = silence_text(silence, names[silence.estimator], header.central)
+        _add(entries, path(header, silence.estimator), span, said, "", f"{names[silence.estimator]}: silence is over", "WARN")
     for entity, mine in entries.items():
-        mine.sort(key=lambda entry: entry[0].begin_s if entry[1] else entry[0].end_s)
-        texts, levels = [], []
-        for episode, begins in mine:
-            said = episode_text(episode, name(names, episode.estimator), departures.of_position)
-            if begins:
-                known = "; ".join(causes.texts.get(episode, []))
-                until = "to the end" if episode.lasts else f"until {episode.end_s:.6g} s"
-                texts.append(f"{said}, {until}" + (f"; {known}" if known else ""))
-                levels.append("ERROR" if episode.of_error else "WARN")
-            else:
-                texts.append(f"{name(names, episode.estimator)}: {'error' if episode.of_error else 'test quantity'} as usual")
-                levels.append("INFO")
-        rec.send_columns(entity, clock.instants([(e.begin_step, e.begin_s) if begins else (e.end_step, e.end_s) for e, begins in mine]),
-                         rr.TextLog.columns(text=texts, level=levels))
+        mine.sort(key=lambda entry: entry[0])
+        _, _, texts, levels = zip(*mine)
+        rec.send_columns(entity, clock.instants([entry[:2] for entry in mine]), rr.TextLog.columns(text=texts, level=levels))
+
+
+def _add(entries: dict, entity: str, span: Episode, said: str, known: str, over: str, level: str) -> None:
+    mine = entries.setdefault(entity, [])
+    mine.append((span.begin_step, span.begin_s, f"{said}, {'to the end' if span.lasts else f'until {span.end_s:.6g} s'}{known}", level))
+    if not span.lasts:
+        mine.append((span.end_step, span.end_s, over, "INFO"))

@@ -8,6 +8,7 @@ import numpy as np
 from meshkal_log.fields import Header
 from ..numbers.causes import Causes, when
 from ..numbers.departures import NETWORK, Episode
+from ..numbers.silence import silence_text
 from ..numbers.survey import Survey
 
 _MOST = 3
@@ -23,16 +24,15 @@ class Head:
         if self._found.steps:
             if self._header.estimators > 1:
                 lines.append(f"**Worst:** {self._worst()}")
-            episode = self._shown()
+            episode = self._found.moment
             lines.append(f"**When it went wrong:** {self._when(episode)}")
             if episode:
                 lines.append(f"**Why:** {self._why(episode)}")
+            silent = self._silent()
+            if silent:
+                lines.append(f"**Messages:** {silent}")
             lines.append(f"**Look next:** {self._next(episode)}")
         return "  \n".join(lines)
-
-    def _shown(self) -> Episode | None:
-        """Of the worst estimator; if it has none, the most serious of all."""
-        return self._found.moment or max(self._found.departures.episodes, key=lambda e: (e.of_error, e.ratio), default=None)
 
     def _name(self, estimator: int) -> str:
         return "the network as a whole" if estimator == NETWORK else self._names[estimator]
@@ -44,6 +44,8 @@ class Head:
         middle = float(np.nanmedian(found.badness))
         what = "RMS error" if found.departures.levels is not None else "mean test quantity"
         times = f", {found.badness[e] / middle:.2g} times that of the median node" if middle > 0.0 else ""
+        if 0.0 < found.badness[e] < 1.1 * middle:
+            times = ", hardly more than the others"
         levels = found.departures.levels
         steady = f"; {levels[e]:.2g} times also when settled" if levels is not None and levels[e] >= 2.0 and math.isfinite(levels[e]) else ""
         unit = " m" if found.departures.of_position else ""
@@ -79,12 +81,29 @@ class Head:
             return "nothing was missing or marked faulty; the readings do not fit the model"
         return "nothing was missing or marked faulty, and the readings fit the model"
 
+    def _silent(self) -> str:
+        """Who heard nothing for a while, and who got clearly fewer messages than most."""
+        departures = self._found.departures
+        said = [f"{silence_text(silence, self._names[silence.estimator], self._header.central)} {when(span)}"
+                for silence, span in departures.silences[:_MOST]]
+        if len(departures.silences) > _MOST:
+            said.append(f"{len(departures.silences) - _MOST} more")
+        missing = departures.missing
+        if missing is not None and np.isfinite(missing).sum() > 1:
+            middle = float(np.nanmedian(missing))
+            few = [e for e in np.argsort(-np.nan_to_num(missing), kind="stable")[:_MOST] if missing[e] > max(2.0 * middle, middle + 0.1)]
+            said += [f"{self._names[e]} missed {100 * missing[e]:.0f} % of its messages (most nodes {100 * middle:.0f} %)" for e in few]
+        return "; ".join(said)
+
     def _next(self, episode: Episode | None) -> str:
-        header = self._header
+        header, silences = self._header, self._found.departures.silences
         tab = "Navigation" if header.navigation else "Node"
-        e = self._found.rank[0] if episode is None or episode.estimator == NETWORK else episode.estimator
+        e, moment = self._found.rank[0], episode
+        if episode is None and silences:
+            moment = silences[0][1]
+        if moment and moment.estimator != NETWORK:
+            e = moment.estimator
         page = "" if header.central else f", page {header.estimator_nodes[e]}"
-        if episode is None:
+        if moment is None:
             return f"tab {tab}{page}: errors against their bands"
-        also = "" if header.navigation or header.central else f" (not there: --node {header.estimator_nodes[e]})" if e != self._found.rank[0] else ""
-        return f"tab {tab}{page}{also}, at {episode.begin_s:.6g} s; a click on a line of its log goes there"
+        return f"tab {tab}{page}, at {moment.begin_s:.6g} s; a click on a line of the log of events goes there"

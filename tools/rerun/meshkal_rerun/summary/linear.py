@@ -64,7 +64,8 @@ class Summary:
         """In a line."""
         out = []
         if self._known.any():
-            out.append(f"RMS error {db(self._squares.sum() / self._known.sum())}" + (" over all nodes" if self._header.estimators > 1 else ""))
+            mean = self._squares.sum() / self._known.sum()
+            out.append(f"RMS error {np.sqrt(mean):.3g} ({db(mean)})" + (" over all nodes" if self._header.estimators > 1 else ""))
         return ", ".join([*out, *self._fit()])
 
     def _fit(self) -> list[str]:

@@ -20,20 +20,24 @@ _RATIO_AXIS = rrb.ScalarAxis(range=(0.0, 2.2))
 
 
 def tab(header: Header, scenario: Scenario, first: Batch, found: Survey, named: Sequence[int]) -> rrb.Container:
-    """The worst node in front, however the names are ordered."""
+    """In front the node that the summary tells of: the one that went wrong, or else the worst."""
     shown = estimators(header, named)
-    worst = next(iter(sorted(shown, key=found.rank.index)), None)
-    pages = [_page(header, scenario, first, e, _label(header, e, e == worst and found.steps > 0)) for e in shown]
-    return rrb.Tabs(*pages, active_tab=shown.index(worst) if shown else 0, name="Node")
+    pages = [_page(header, scenario, first, found, e, _label(header, found, e)) for e in shown]
+    wrong = found.moment.estimator if found.moment else None
+    silent = [silence.estimator for silence, _ in found.departures.silences]
+    front = next((e for e in ([wrong] if found.moment else silent) + list(found.rank) if e in shown), None)
+    return rrb.Tabs(*pages, active_tab=shown.index(front) if shown else 0, name="Node")
 
 
-def _label(header: Header, e: int, worst: bool) -> str:
+def _label(header: Header, found: Survey, e: int) -> str:
     if header.central:
         return "Centre"
-    return f"{header.estimator_nodes[e]} (worst)" if worst and header.estimators > 1 else f"{header.estimator_nodes[e]}"
+    said = (["worst"] if header.estimators > 1 and found.steps and e == found.rank[0] else []) + (["departs"] if found.departures.of(e) else [])
+    said += ["silence"] if any(silence.estimator == e for silence, _ in found.departures.silences) else []
+    return f"{header.estimator_nodes[e]}" + (f" ({', '.join(said)})" if said else "")
 
 
-def _page(header: Header, scenario: Scenario, first: Batch, e: int, label: str) -> rrb.Horizontal:
+def _page(header: Header, scenario: Scenario, first: Batch, found: Survey, e: int, label: str) -> rrb.Horizontal:
     at, path = origin(header, e), "centre" if header.central else f"node/{header.estimator_nodes[e]}"
     who = "centre" if header.central else f"node {header.estimator_nodes[e]}"
     right = [_against_network(header, first, path, who)]
@@ -47,8 +51,8 @@ def _page(header: Header, scenario: Scenario, first: Batch, e: int, label: str) 
     if first.theta is not None:
         right[-1] = rrb.Tabs(right[-1], *_robustness(header, path, who), active_tab=0)
     lanes, more = _lanes(header, e, at, who)
-    right += [lanes, _story(header, e, who)]
-    shares += [more, 2.6]
+    right += [lanes, _story(header, found, e, who)]
+    shares += [more, 3.2]
     return rrb.Horizontal(_states(header, scenario, first, at, e), rrb.Vertical(*right, row_shares=shares), column_shares=[1, 1], name=label)
 
 
@@ -80,8 +84,9 @@ def _page_name(some: list[int], position: list[int], scenario: Scenario) -> str:
 
 def _error_axis(error: np.ndarray, variance: np.ndarray) -> rrb.ScalarAxis | None:
     """Errors and settled band: the viewer would fit the errors alone."""
-    reach = [np.abs(error[np.isfinite(error)]), SIGMAS * np.sqrt(variance[np.isfinite(variance)])]
-    high = 1.1 * max((float(np.percentile(values, q)) for values, q in zip(reach, (99.5, 75.0)) if len(values)), default=0.0)
+    far, band = (float(np.percentile(v, q)) if len(v) else 0.0 for v, q in (
+        (np.abs(error[np.isfinite(error)]), 99.5), (SIGMAS * np.sqrt(variance[np.isfinite(variance)]), 75.0)))
+    high = 1.1 * max(far, min(band, 6.0 * far))  # a band may grow without bounds
     return rrb.ScalarAxis(range=(-high, high)) if 0.0 < high < np.inf else None
 
 
@@ -123,7 +128,7 @@ def _lanes(header: Header, e: int, at: str, who: str) -> tuple[rrb.View, float]:
     return view, min(1.0 + 0.75 * (2 + bool(header.monitor) + min(others, NEIGHBOURS)), 6.0)
 
 
-def _story(header: Header, e: int, who: str) -> rrb.TextLogView:
-    view = text_log(events.ORIGIN, f"When {who} went wrong")
+def _story(header: Header, found: Survey, e: int, who: str) -> rrb.TextLogView:
+    view = text_log(events.ORIGIN, f"When {who} went wrong" + ("" if found.departures.of(e) or any(s.estimator == e for s, _ in found.departures.silences) else ": never"))
     view.contents = [f"/{events.path(header, e)}", f"/{events.ORIGIN}/network"]
     return view
