@@ -148,7 +148,7 @@ class Summary:
         lines = ["**How to read it**", ""]
         if colour_range:
             low, high = colour_range
-            lines.append(f"- Network: blue {low:.0f} dB or less, red {high:.0f} dB or more; {what}. Grey: unknown.")
+            lines.append(f"- Network: blue {low:.0f} dB or less, red {high:.0f} dB or more; {what}. Grey: unknown. Dashed: nothing arrived over this half of a link.")
         lines += [
             "- Error in dB: 20 log10 of the norm of (truth - estimate); -20 dB is a tenth. A gap: zero, unknown or infinite.",
             "- Test quantity: squared normalised innovation over its degrees of freedom. Around 1: the node's model fits.",
