@@ -40,7 +40,7 @@ def _label(header: Header, found: Survey, e: int) -> str:
 def _page(header: Header, scenario: Scenario, first: Batch, found: Survey, e: int, label: str) -> rrb.Horizontal:
     at, path = origin(header, e), "centre" if header.central else f"node/{header.estimator_nodes[e]}"
     who = "centre" if header.central else f"node {header.estimator_nodes[e]}"
-    right = [_against_network(header, first, path, who)]
+    right = [_against_network(header, first, at, path, who)]
     shares = [3.0]
     if first.innovation is not None:
         right.append(_innovations(header, first, e, at))
@@ -49,7 +49,7 @@ def _page(header: Header, scenario: Scenario, first: Batch, found: Survey, e: in
     right.append(series(f"{at}/test", name, ["$origin/**"], axis=_RATIO_AXIS))
     shares.append(2.4)
     if first.theta is not None:
-        right[-1] = rrb.Tabs(right[-1], *_robustness(header, path, who), active_tab=0)
+        right[-1] = rrb.Tabs(right[-1], *_robustness(header, at, path, who), active_tab=0)
     lanes, more = _lanes(header, e, at, who)
     right += [lanes, _story(header, found, e, who)]
     shares += [more, 3.2]
@@ -90,13 +90,13 @@ def _error_axis(error: np.ndarray, variance: np.ndarray) -> rrb.ScalarAxis | Non
     return rrb.ScalarAxis(range=(-high, high)) if 0.0 < high < np.inf else None
 
 
-def _against_network(header: Header, first: Batch, path: str, who: str) -> rrb.TimeSeriesView:
+def _against_network(header: Header, first: Batch, at: str, path: str, who: str) -> rrb.TimeSeriesView:
     position = first.truth is not None and header.timed and header.positions
     quantity, what = ("position_error", "Position error, m") if position else ("error_db", "Error, dB") if first.error is not None else ("nis_ratio", "Test quantity")
     median = {"nis_ratio": "pooled"}.get(quantity, "median")
-    contents = [f"$origin/{path}"] + ([] if header.estimators == 1 else [f"$origin/network/{median}"])
+    contents = [f"/{quantity}/{path}"] + ([] if header.estimators == 1 else [f"/{quantity}/network/{median}"])
     name = f"{what}: {who}" + ("" if header.estimators == 1 else f" and the network ({'all together' if median == 'pooled' else 'median'})")
-    return series(quantity, name, contents, legend=header.estimators > 1)
+    return series(at, name, contents, legend=header.estimators > 1)
 
 
 def _innovations(header: Header, first: Batch, e: int, at: str) -> rrb.Container | rrb.View:
@@ -115,10 +115,10 @@ def _innovations(header: Header, first: Batch, e: int, at: str) -> rrb.Container
     return rrb.Tabs(*plots, active_tab=0) if plots else rrb.TextDocumentView(origin="summary", name="This node has no sensor")
 
 
-def _robustness(header: Header, path: str, who: str) -> list[rrb.View]:
-    together = [] if header.estimators == 1 else ["$origin/network/median"]
-    return [series("theta", f"Risk sensitivity theta: {who}", [f"$origin/{path}", *together], legend=True),
-            series("tolerance", f"Tolerance c, nats: {who}", [f"$origin/{path}", *together], legend=True)]
+def _robustness(header: Header, at: str, path: str, who: str) -> list[rrb.View]:
+    names = {"theta": "Risk sensitivity theta", "tolerance": "Tolerance c, nats"}
+    return [series(at, f"{name}: {who}", [f"/{key}/{path}"] + ([] if header.estimators == 1 else [f"/{key}/network/median"]), legend=True)
+            for key, name in names.items()]
 
 
 def _lanes(header: Header, e: int, at: str, who: str) -> tuple[rrb.View, float]:
