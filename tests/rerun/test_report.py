@@ -122,7 +122,7 @@ def test_worst_nodes(tmp_path):
     rms = np.sqrt((error**2).mean(axis=0))
     order = np.argsort(-rms)[:10]
     rows = page.tables["Worst nodes"]
-    assert rows[0] == ["node", "RMS error, dB", "largest error, dB", "at, s"]
+    assert rows[0] == ["node", "RMS error, dB", "largest error, dB", "at, s", "went wrong"]
     assert [row[0] for row in rows[1:]] == [f"node {k}" for k in order]
     for row, k in zip(rows[1:], order):
         assert float(row[1]) == pytest.approx(20 * np.log10(rms[k]), abs=0.006)
@@ -156,7 +156,8 @@ def test_events(tmp_path):
     assert [told[0][1], told[1][1]] == [f"node {k}: input refused" for k in node[:2]] and float(told[0][0]) == pytest.approx(0.1 * step[0])
     more = int(re.search(r"(\d+) more are in the recording", text)[1])
     recording, _ = convert(log.data(), tmp_path / "run.rrd")
-    everything = len(recording.rows("faults", "TextLog:text")[2]) + len(recording.rows("integrity_events", "TextLog:text")[2])
+    departures = sum(len(recording.rows(entity, "TextLog:text")[2]) for entity in recording.entities() if entity.startswith("events/"))
+    everything = departures + len(recording.rows("faults", "TextLog:text")[2]) + len(recording.rows("integrity_events", "TextLog:text")[2])
     assert len(rows) + more == everything
 
 

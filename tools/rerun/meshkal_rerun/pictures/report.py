@@ -19,6 +19,7 @@ from meshkal_log.reader import LogError
 
 from .. import conversion
 from ..conversion import Logs, Wanted
+from ..numbers.causes import when
 from . import SIZE, figures, page, paper, pictures, png, rendered, viewer
 from .figures import Picture
 from .run import Run, read
@@ -92,6 +93,8 @@ def _parts(run: Run, shown: list[str]) -> Iterator[str]:
     name, what = run.title
     yield f"<h1>{page.text(name)}</h1>"
     yield page.paragraph(what, "faint")
+    # What is said of tabs is for the viewer.
+    yield from (page.paragraph(line) for line in run.headlines if not line.startswith("**Look next"))
     for warning in run.warnings:
         yield page.paragraph(f"**Warning:** {warning}")
     yield page.heading("Result")
@@ -114,8 +117,8 @@ def _parts(run: Run, shown: list[str]) -> Iterator[str]:
     yield from _again(run)
 
 
-def worst_rows(run: Run) -> Iterator[tuple[str, str, str, str]]:
-    """Of the worst nodes: name, RMS over the run, the largest value, and when that was."""
+def worst_rows(run: Run) -> Iterator[tuple[str, ...]]:
+    """Of the worst nodes: name, RMS over the run, the largest value, when that was, and when the node departed most from what is usual."""
     found = run.plan.found
     quantity = figures.error_quantity(run)
     for e in found.rank[:WORST]:
@@ -129,14 +132,15 @@ def worst_rows(run: Run) -> Iterator[tuple[str, str, str, str]]:
             values = f"{bad:.4g}", f"{10.0 ** (largest / 20.0):.4g}"
         else:
             values = f"{bad:.3f}", f"{10.0 ** (largest / 10.0):.3f}"
-        yield run.names[e], *values, f"{run.largest_s[e]:.6g}"
+        episode = found.departures.worst(e)
+        yield run.names[e], *values, f"{run.largest_s[e]:.6g}", when(episode) if episode else "never"
 
 
 def _worst(run: Run) -> str:
     what = {"error_db": "error, dB", "position_error": "position error, m", None: "test quantity"}[figures.error_quantity(run)]
     mean = "mean of the" if figures.error_quantity(run) is None else "RMS"
     caption = f"Of {run.header.estimators}; expected test quantity: 1" if figures.error_quantity(run) is None else f"Of {run.header.estimators}"
-    return page.table(("node", f"{mean} {what}", f"largest {what}", "at, s"), worst_rows(run), caption)
+    return page.table(("node", f"{mean} {what}", f"largest {what}", "at, s", "went wrong"), worst_rows(run), caption)
 
 
 def _figure(picture: Picture) -> str:

@@ -12,13 +12,15 @@ from meshkal_log.scenario import positions_of
 
 from ..conversion import Logs, Plan, Wanted
 from ..numbers import derive, integrity, navigation, tracking
+from ..numbers.causes import Causes, fault_text
 from ..numbers.faults import FaultChanges
-from ..numbers.faults import text as fault_text
 from ..numbers.integrity import Event, Story
 from ..numbers.survey import quantities, shade_db
 from ..numbers.tracking import chi_square_upper_quantile
+from ..recording import events as departure_events
 from ..recording.recorder import estimator_names
 from ..summary import SUMMARIES
+from ..summary.head import Head
 
 # Events that are kept as texts.
 _KEPT = 10_000
@@ -66,6 +68,7 @@ class Run:
     moment: Moment | None = None
     tables: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
     title: tuple[str, str] = ("", "")
+    headlines: list[str] = field(default_factory=list)  # Markdown
     warnings: list[str] = field(default_factory=list)
     compared: dict[str, tuple[np.ndarray, dict[str, dict[str, np.ndarray]]]] = field(default_factory=dict)  # seconds and network, by label
 
@@ -110,7 +113,9 @@ class _Reading:
         place = {e: i for i, e in enumerate(planned.found.rank)}
         self._run = Run(planned, number, tuple(sorted(named, key=place.__getitem__)), estimator_names(header))
         self._run.largest, self._run.largest_s = np.full(header.estimators, np.nan), np.full(header.estimators, np.nan)
-        self._summary = SUMMARIES[header.kind](header, planned.scenario, number, self._run.names)
+        self._causes = Causes(header, planned.found.departures.episodes)
+        head = Head(header, planned.found, self._causes, self._run.names)
+        self._summary = SUMMARIES[header.kind](header, planned.scenario, number, self._run.names, head)
         self._faults, self._story = FaultChanges(header), Story(header)
         self._kept: dict[tuple, list[np.ndarray]] = {}
         self._held, self._changes = integrity.Held(header), {}
@@ -142,6 +147,7 @@ class _Reading:
         if batch.consensus_disagreement is not None:
             self._keep("consensus", derive.decibels(batch.consensus_disagreement))
         self._worst(times, shade_db(each))
+        self._causes.batch(batch)
         events = self._story.batch(batch)
         self._tell([(event.time_s, integrity.text(event, header, run.names)) for event in events])
         self._integrity(times, batch)
@@ -162,7 +168,12 @@ class _Reading:
                 getattr(run, path[0]).setdefault(path[1], {})[path[2]] = values
         if run.moment is None:
             raise LogError(f"the run is from {self._begin:g} s to {run.seconds[-1]:g} s: there is nothing at {self._time_s:g} s")
+        departed = departure_events.entries_of(self._header, run.names, run.plan.found.departures, self._causes)
+        # All of them: they are few, and say most.
+        run.events += [(second, text) for entries in departed.values() for _, second, text, _ in entries]
+        run.event_count += sum(map(len, departed.values()))
         run.events.sort(key=lambda event: event[0])
+        run.headlines = self._summary.headlines()
         run.tables, run.title, run.warnings = self._summary.tables(reader.end), self._summary.title(), list(reader.warnings)
         return run
 
@@ -245,5 +256,5 @@ def _network(batches: Iterator[Batch], header: Header, planned: Plan) -> tuple[n
             for name, row in summaries.items():
                 kept.setdefault(quantity, {}).setdefault(name, []).append(row)
     if not times:
-        raise LogError(f"the log has no step of the run that is shown")
+        raise LogError("the log has no step of the run that is shown")
     return np.concatenate(times), {q: {name: np.concatenate(rows) for name, rows in of.items()} for q, of in kept.items()}
