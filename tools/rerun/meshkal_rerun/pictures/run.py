@@ -14,11 +14,11 @@ from ..conversion import Logs, Plan, Wanted
 from ..numbers import derive, integrity, navigation, tracking
 from ..numbers.causes import Causes, fault_text
 from ..numbers.faults import FaultChanges
-from ..numbers.integrity import Event, Story
+from ..numbers.integrity import Story
+from ..recording.recorder import estimator_names
 from ..numbers.survey import quantities, shade_db
 from ..numbers.tracking import chi_square_upper_quantile
 from ..recording import events as departure_events
-from ..recording.recorder import estimator_names
 from ..summary import SUMMARIES
 from ..summary.head import Head
 
