@@ -57,6 +57,7 @@ typedef struct {
     mk_status_t (*measure)(const real_t *y), (*accept)(const uint8_t *bytes, size_t length);
     size_t (*frame)(int stage, uint8_t *bytes);
     mk_status_t (*covariance)(real_t *V);
+    mk_status_t (*innovations)(real_t *r, real_t *S, uint8_t *rows);
 } face_t;
 
 /* Before each incremental step of a network with frozen gains the node is switched off and comes back from what it has saved. */
@@ -82,7 +83,8 @@ typedef struct {
     static mk_status_t measure_##name(const real_t *y) { return name##_measure(&name##_object, y); }                          \
     static mk_status_t accept_##name(const uint8_t *bytes, size_t size) { return name##_accept(&name##_object, bytes, size); } \
     static size_t frame_##name(int stage, uint8_t *bytes) { return name##_frame(&name##_object, stage, bytes); }              \
-    static mk_status_t covariance_##name(real_t *V) { return name##_filter_covariance(&name##_object.filter, V); }
+    static mk_status_t covariance_##name(real_t *V) { return name##_filter_covariance(&name##_object.filter, V); }              \
+    static mk_status_t innovations_##name(real_t *r, real_t *S, uint8_t *rows) { return name##_innovations(&name##_object, r, S, rows); }
 
 NODE(node00)
 NODE(node01)
@@ -96,7 +98,7 @@ NODE(node05)
         (int)(sizeof name##_slot / sizeof name##_slot[0]), (int)(sizeof name##_object.filter.x / sizeof(real_t)),             \
             (int)(sizeof name##_object.filter.y / sizeof(real_t) / (sizeof name##_slot / sizeof name##_slot[0])), name##_slot, \
             name##_rows, &name##_object.filter.core, name##_object.filter.x, start_##name, incremental_##name,                \
-            diffuse_##name, measure_##name, accept_##name, frame_##name, covariance_##name                                    \
+            diffuse_##name, measure_##name, accept_##name, frame_##name, covariance_##name, innovations_##name                \
     }
 static const face_t node[NODES] = {FACE(node00), FACE(node01), FACE(node02), FACE(node03), FACE(node04), FACE(node05)};
 
@@ -199,6 +201,9 @@ static void same_bits(void **unused) {
     int switches = 0;
 #endif
     uint8_t *have_y = malloc(all_slots), *have_psi = malloc(all_slots);
+    real_t *innovation = malloc(2 * all_rows * sizeof *innovation), *innovation_variance = innovation + all_rows, variance[NODES * LARGEST];
+    real_t r[LARGEST], S[MK_PACKED(LARGEST)];
+    uint8_t filled[LARGEST];
     real_t estimate[NODES * LARGEST], theta[NODES], tolerance[NODES], nis[NODES], trace[NODES], V[MK_PACKED(LARGEST)];
     uint32_t rows[NODES], faults[NODES];
     at = 0;
@@ -212,6 +217,9 @@ static void same_bits(void **unused) {
         numbers(item, "measurements_arrived", UINT8_TAG, have_y, all_slots);
         numbers(item, "estimates_arrived", UINT8_TAG, have_psi, all_slots);
         numbers(item, "estimate", REAL_TAG, estimate, NODES * n * sizeof(real_t));
+        numbers(item, "variance", REAL_TAG, variance, NODES * n * sizeof(real_t));
+        numbers(item, "innovation", REAL_TAG, innovation, all_rows * sizeof(real_t));
+        numbers(item, "innovation_variance", REAL_TAG, innovation_variance, all_rows * sizeof(real_t));
         numbers(item, "trace_covariance", REAL_TAG, trace, sizeof trace);
         numbers(item, "theta", REAL_TAG, theta, sizeof theta);
         numbers(item, "tolerance", REAL_TAG, tolerance, sizeof tolerance);
@@ -226,7 +234,10 @@ static void same_bits(void **unused) {
             real_t sum = 0;
             assert_memory_equal(node[k].x, estimate + (size_t)k * n, n * sizeof(real_t));
             assert_int_equal(node[k].covariance(V), MK_OK);
-            for (int i = 0; i < (int)n; i++) sum += V[MK_PACKED(i) + i];
+            for (int i = 0; i < (int)n; i++) {
+                assert_memory_equal(&V[MK_PACKED(i) + i], &variance[k * (int)n + i], sizeof sum);
+                sum += V[MK_PACKED(i) + i];
+            }
             assert_memory_equal(&sum, &trace[k], sizeof sum);
             /* Beyond a sensor's own rows anything may stand. */
             real_t reading[LARGEST];
@@ -235,6 +246,17 @@ static void same_bits(void **unused) {
             if (have_y[slots_before(k)]) assert_int_equal(node[k].measure(reading), MK_OK);
         }
         lost += exchange(t, MK_STAGE_MEASUREMENT, have_y);
+        for (int k = 0; k < NODES; k++) {
+            assert_int_equal(node[k].innovations(r, S, filled), MK_OK);
+            assert_int_equal(filled[0], have_y[slots_before(k)] ? node[k].rows[0] : 0);
+            for (int i = 0; i < node[k].rows[0]; i++) {
+                const int row = first_row[k] + i;
+                assert_int_equal(!isnan(innovation[row]), filled[0] > 0);
+                if (!filled[0]) continue;
+                assert_memory_equal(&r[i], &innovation[row], sizeof r[i]);
+                assert_memory_equal(&S[MK_PACKED(i) + i], &innovation_variance[row], sizeof r[i]);
+            }
+        }
         for (int k = 0; k < NODES; k++) assert_int_equal(node[k].incremental(), MK_OK);
         lost += exchange(t, MK_STAGE_ESTIMATE, have_psi);
         for (int k = 0; k < NODES; k++) {
@@ -266,6 +288,7 @@ static void same_bits(void **unused) {
 #endif
     assert_true(node[0].core->theta > (real_t)0);
     free(y);
+    free(innovation);
     free(have_y);
     free(have_psi);
 }

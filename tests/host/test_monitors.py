@@ -182,7 +182,7 @@ def test_statistics_and_exclusions(scenario, logged, options):
     first = np.cumsum([0] + [len(s) for s in slots])
     weight = [np.array([len(slots[l]) if len(slots) > 1 else 1.0 for l in s]) for s in slots]
     followers = [Follower(scenario, s, window, tail) for s in slots]
-    excluded = 0
+    excluded = left_out = 0
     for t, item in enumerate(items):
         x = item["estimate"].reshape(len(slots), -1).astype(float)
         psi = []
@@ -190,6 +190,14 @@ def test_statistics_and_exclusions(scenario, logged, options):
             own = slice(first[k], first[k + 1])
             arrived = item["measurements_arrived"][own]
             readings = {l: item["measurements"][rows[j]:rows[j + 1]] for l, j in enumerate(slots[k]) if arrived[l]}
+            for i, l in enumerate(slots[k] if len(slots) == 1 else slots[k][:1]):
+                # Also of those that are left out, in this step or before.
+                at, want = slice(rows[l], rows[l + 1]), np.full((2, rows[l + 1] - rows[l]), np.nan)
+                if i in readings:
+                    C = follower.C[i]
+                    want = np.array([readings[i] - C @ x[k], np.diag(C @ follower.V @ C.T + follower.R[i])])
+                    left_out += item["excluded"][own][i]
+                assert np.allclose([item["innovation"][at], item["innovation_variance"][at]], want, **close, equal_nan=True), (t, k, l)
             found, after = follower.step(x[k], readings, item["excluded"][own], item["theta"][k])
             psi.append(after)
             for key in ("rctm", "aime"):
@@ -212,7 +220,7 @@ def test_statistics_and_exclusions(scenario, logged, options):
                 continue
             w = weight[k] * item["estimates_arrived"][first[k]:first[k + 1]]
             assert np.allclose(after[k], sum(w[l] * psi[j] for l, j in enumerate(s)) / w.sum(), **close)
-    assert (excluded > 50) == (scheme == "exclude")
+    assert (excluded > 50) == (left_out > 5) == (scheme == "exclude")
 
 
 def test_improved(logged):

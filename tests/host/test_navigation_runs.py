@@ -106,6 +106,8 @@ def test_filter_is_the_one_in_numpy(run, tmp_path, short, name):
         np.testing.assert_allclose(estimate[15:], navigator.clock, atol=2e-6)
         packed = navigator.P[6:9, 6:9][np.tril_indices(3)]
         np.testing.assert_allclose(item["position_covariance"], packed, rtol=1e-7, atol=1e-8)
+        np.testing.assert_allclose(item["variance"], np.diag(navigator.P), rtol=1e-6)
+        assert item["trace_covariance"][0] == sum(item["variance"].tolist())
 
 
 @pytest.mark.parametrize("name", ["rekf-n", "rekf-t"])

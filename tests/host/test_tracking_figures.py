@@ -58,7 +58,7 @@ def test_summary_is_what_the_log_says(simulate, name):
 
 
 def test_covariances_of_the_log(simulate):
-    """nees, position_covariance and trace belong to one matrix: of a filter in NumPy."""
+    """nees, position_covariance, variance and trace belong to one matrix: of a filter in NumPy."""
     header, steps, *_ = simulate(PLANE, "ukf")
     f = Unscented(Model(PLANE), Transform(4, PLANE["tracking"]["transform"]))
     for step, (dt, z) in zip(steps, instants(header, steps), strict=True):
@@ -67,6 +67,8 @@ def test_covariances_of_the_log(simulate):
         d = step["truth"] - f.x
         assert step["nees"][0] == pytest.approx(d @ np.linalg.solve(f.P, d), rel=1e-6)
         np.testing.assert_allclose(step["position_covariance"], f.P[[0, 1, 1], [0, 0, 1]], rtol=1e-7)
+        np.testing.assert_allclose(step["variance"], np.diag(f.P), rtol=1e-7)
+        assert step["trace_covariance"][0] == sum(step["variance"].tolist())
         assert step["error"][0] == pytest.approx(np.linalg.norm(d), rel=1e-7)
 
 
@@ -249,7 +251,9 @@ def test_the_linear_path_is_as_it_was(run, tmp_path):
     (tmp_path / "s.json").write_bytes(run("scenario", "projectile", "--nodes", "3").stdout)
     run("simulate", tmp_path / "s.json", "--steps", "5", "--out", tmp_path / "l")
     header, steps, _ = logs.log((tmp_path / "l").read_bytes())
-    assert "kind" not in header and len(header) == 20 and len(steps[0]) == 15
+    assert "kind" not in header and len(header) == 20
+    assert list(steps[0]) == ("run step truth measurements measurements_arrived estimates_arrived estimate error variance trace_covariance position_covariance "
+                              "innovation innovation_variance theta tolerance nis nis_rows faults").split()
 
 
 def test_drawn_run_as_a_recording(run, simulate, tmp_path):

@@ -26,6 +26,7 @@ def test_linear_models_give_the_kalman_filter(simulate, linear_sensors, name, op
         x, P = x + K @ (y - H @ x), (np.eye(4) - K @ H) @ P
         for e in range(header["estimators"]):
             np.testing.assert_allclose(step["estimate"].reshape(-1, 4)[e], x, rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(step["variance"].reshape(-1, 4)[e], np.diag(P), rtol=1e-9)
             assert step["trace_covariance"][e] == pytest.approx(np.trace(P), rel=1e-9)
 
 

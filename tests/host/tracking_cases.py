@@ -113,10 +113,12 @@ def instants(header, steps):
 
 
 def assert_close(step, x, P, tolerance, e=0):
-    """Estimate and trace of the covariance of estimator e."""
+    """Estimate, diagonal and trace of the covariance of estimator e."""
     estimate = step["estimate"].reshape(-1, len(x))[e]
     scale = np.sqrt(np.diag(P))
     np.testing.assert_array_less(np.abs(estimate - x), tolerance * (scale + np.abs(x)), f"step {step['step']}")
+    variance = step["variance"].reshape(-1, len(x))[e]
+    np.testing.assert_array_less(np.abs(variance - np.diag(P)), 10 * tolerance * np.diag(P), f"step {step['step']}")
     assert abs(step["trace_covariance"][e] - np.trace(P)) < 10 * tolerance * np.trace(P), f"step {step['step']}"
 
 

@@ -89,10 +89,38 @@ def test_estimates_are_those_of_an_independent_filter(pair):
         item = items[t]
         np.testing.assert_allclose(item["estimate"], x, rtol=1e-8, atol=1e-8)
         np.testing.assert_allclose(item["trace_covariance"], np.trace(P), rtol=1e-8)
+        np.testing.assert_allclose(item["variance"], np.diag(P), rtol=1e-8)
+        np.testing.assert_allclose(item["innovation"], y[t] - C @ x, rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(item["innovation_variance"], np.diag(C @ P @ C.T + R), rtol=1e-8)
         assert list(item["measurements_arrived"]) == [1, 0] and list(item["estimates_arrived"]) == [1, 0]
         np.testing.assert_array_equal(item["measurements"], [*y[t], np.nan, np.nan])
         K = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
         x, P = A @ (x + K @ (y[t] - C @ x)) + np.array(model.get("input", np.zeros(len(A)))), A @ (P - K @ C @ P) @ A.T + Q
+
+
+def test_a_refused_reading_has_its_innovation(pair):
+    model, sensor = pair.scenario["model"], pair.scenario["nodes"][0]
+    A, C, R = np.array(model["A"]), np.array(sensor["C"]), np.array(sensor["R"])
+    x = [np.array(model["x0"])]
+    while len(x) < 7:
+        x.append(A @ x[-1] + np.array(model["input"]))
+    # As predicted but for one.
+    y = {t: (C @ x[t] + (1e6 if t == 3 else 0.0)).tolist() for t in (1, 3, 5)}
+    epoch = time.time() + 0.5
+    node = pair.start(0, real="float64", clock={"period_ms": 40, "epoch_s": epoch}, gate={"reading": 0.999})
+    node.feed("".join(f"{t},{a!r},{b!r}\n" for t, (a, b) in y.items()))
+    time.sleep(epoch + 8 * 0.04 - time.time())
+    node.stop()
+    _, items, _ = read_log(pair.folder / "0.cbor")
+    for t in range(7):
+        item = items[t]
+        assert item["measurements_arrived"][0] == (t in (1, 5)), t
+        assert np.isnan(item["measurements"][:2]).all() == (t not in (1, 5))
+        if t in y:
+            np.testing.assert_allclose(item["innovation"], y[t] - C @ item["estimate"], rtol=1e-12, atol=1e-9)
+            assert (item["innovation_variance"] > np.diag(R)).all()
+        else:
+            assert np.isnan(item["innovation"]).all() and np.isnan(item["innovation_variance"]).all()
 
 
 @pytest.mark.parametrize("kind", ["-", "udp", "unix"])

@@ -257,11 +257,17 @@ def run(scenario, name, y, measured=None, heard=None):
     xh, V = [net.x0] * E, [net.P0] * E
     out = {key: np.zeros((steps, E)) for key in ("theta", "trace_covariance", "nis")}
     out.update(tolerance=tolerance, estimate=np.zeros((steps, E, net.n)), nis_rows=np.zeros((steps, E), int))
+    out.update(variance=np.zeros((steps, E, net.n)), innovation=[], innovation_variance=[])
     for t in range(steps):
         psi = []
         for e in range(E):
             used = [l for s, l in enumerate(slots[e]) if measured is None or measured[t][e][s]]
             out["estimate"][t, e], out["trace_covariance"][t, e] = xh[e], np.trace(V[e])
+            out["variance"][t, e] = np.diag(V[e])
+            for l in slots[e] if central else slots[e][:1]:
+                there = 0.0 if l in used else np.nan
+                out["innovation"].append(y[t][l] - net.C[l] @ xh[e] + there)
+                out["innovation_variance"].append(np.diag(net.C[l] @ V[e] @ net.C[l].T + net.R[l]) + there)
             if used:
                 C, R = net.stack(used)
                 d = np.concatenate([y[t][l] for l in used]) - C @ xh[e]
@@ -276,6 +282,8 @@ def run(scenario, name, y, measured=None, heard=None):
         for k in range(E):
             came = [l for s, l in enumerate(slots[k]) if heard is None or heard[t][k][s]]
             xh[k] = sum(net.W[l, k] * psi[l] for l in came) / sum(net.W[l, k] for l in came)
+    for key in ("innovation", "innovation_variance"):
+        out[key] = np.concatenate(out[key]).reshape(steps, -1)
     return out
 
 

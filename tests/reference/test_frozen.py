@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import reference as ref
-from reference import Network
+from reference import CENTRAL, Network
 from scenarios import MAKERS, blind_node, scenario
 from test_simulate import read_sequence
 
@@ -95,7 +95,13 @@ def test_estimates_are_those_of_the_full_filter(simulated, name, close, real, lo
     assert not any("frozen" in item for item in full)
     flags = np.array([item["frozen"] for item in part])
     assert flags.mean() > 0.1, flags.mean()
+    C = Network(scenario(name)).C
     for a, b in zip(full, part):
+        own = [b["estimate"].astype(float).reshape(len(b["theta"]), -1)[0 if filter in CENTRAL else k] for k in range(len(C))]
+        want = b["measurements"] - np.concatenate([Ck @ x for Ck, x in zip(C, own)])
+        lost = np.repeat(b["measurements_arrived"] == 0, [len(Ck) for Ck in C]) if filter in CENTRAL else np.zeros(len(want), bool)
+        assert (np.isnan(b["innovation"]) == lost).all()
+        assert np.allclose(b["innovation"][~lost], want[~lost], rtol=0, atol=8 * np.finfo(b["theta"].dtype).eps * np.abs(b["measurements"]).max())
         assert (a["measurements"] == b["measurements"]).all()
         assert ((b["nis_rows"] == 0) & (b["nis"] == 0) & (b["faults"] & 9 == 0))[b["frozen"] == 1].all()
     # float32 has an error of its own, the larger the further the target flies.

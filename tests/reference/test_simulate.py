@@ -48,7 +48,8 @@ class Log:
         self.measured = by_slot("measurements_arrived")
         self.heard = None if self.header["filter"] in CENTRAL else by_slot("estimates_arrived")
         self.estimate = stacked("estimate").reshape(len(self.items), len(self.slots), -1)
-        for key in ("error", "trace_covariance", "theta", "tolerance", "nis", "nis_rows", "faults"):
+        self.variance = stacked("variance").reshape(self.estimate.shape)
+        for key in ("innovation", "innovation_variance", "error", "trace_covariance", "theta", "tolerance", "nis", "nis_rows", "faults"):
             setattr(self, key, stacked(key))
 
 
@@ -86,14 +87,18 @@ def compare(s, log, name, rel):
     scale = np.maximum(np.abs(log.truth).max(axis=1), np.sqrt(np.diag(net.P0).max()))
     gap = np.abs(log.estimate - want["estimate"]).max(axis=2) / scale[:, None]
     assert gap.max() < rel, f"estimate off by {gap.max():.2e} at step, estimator {np.unravel_index(gap.argmax(), gap.shape)}"
-    for key in ("theta", "tolerance", "trace_covariance"):
+    for key in ("theta", "tolerance", "trace_covariance", "variance", "innovation_variance"):
         a, b = getattr(log, key), want[key]
+        assert a.dtype == log.estimate.dtype and (np.isnan(a) == np.isnan(b)).all(), key
+        a, b = a[~np.isnan(b)], b[~np.isnan(b)]
         off = np.abs(a - b) / np.where(b == 0, 1, np.abs(b))
         assert off.max() < rel, f"{key} off by {off.max():.2e} at {np.unravel_index(off.argmax(), off.shape)}"
     # nis = e'S^-1 e with e = y - C xh: a rounding `unit` x scale of y moves it by at most 2 sqrt(nis) |S^-1/2 de|, S >= R.
     unit = np.finfo(log.estimate.dtype).eps
     smallest = np.sqrt(min(np.linalg.eigvalsh(R)[0] for R in net.R))
     size = max(np.linalg.norm(C, 2) for C in net.C)
+    off = np.abs(log.innovation - want["innovation"]) / (size * scale[:, None])
+    assert (np.isnan(off) == np.isnan(want["innovation"])).all() and np.nanmax(off) < rel, f"innovation off by {np.nanmax(off):.2e}"
     de = 8 * unit * size * scale[:, None] * np.sqrt(np.maximum(want["nis_rows"], 1)) / smallest
     allowed = rel * (1 + want["nis"]) + 2 * np.sqrt(want["nis"]) * de + de**2
     off = np.abs(log.nis - want["nis"]) / allowed

@@ -34,12 +34,13 @@ def near_slots(positions: np.ndarray, distance: float) -> list[list[int]]:
 
 
 class Log:
-    """The arrays of one log, all runs: `arrays[key]` has shape (runs, steps, length). Change what you like, then `items` or `data`."""
+    """The arrays of one log, all runs: `arrays[key]` has shape (runs, steps, length). Change what you like, then `items` or `data`.
+    rows: of every sensor, or of each. bands: the arrays that older logs have not."""
 
     first_step = 0
 
     def __init__(self, nodes=4, steps=12, *, filter="rkfdu", real="float64", runs=1, states=4, rows=1, dt_s=0.1, truth=True, seed=7,
-                 position_states=(0, 1), positions="2d", name="synthetic"):
+                 position_states=(0, 1), positions="2d", name="synthetic", bands=True):
         rng = np.random.default_rng(seed)
         central = filter in ("kfc", "rkfc")
         e = 1 if central else nodes
@@ -47,11 +48,12 @@ class Log:
         if positions == "2d":
             positions_m = positions_m[:, :2]
         slots = [list(range(nodes))] if central else ring_slots(nodes, min(2, (nodes - 1) // 2))
-        self.real = real
+        rows = [rows] * nodes if isinstance(rows, int) else list(rows)
+        self.real, self.bands = real, bands
         self.scenario = {
             "name": name,
             "model": {"A": np.eye(states).tolist(), "dt_s": dt_s},
-            "nodes": [{"C": [[1.0] * states] * rows, "R": [[1.0]]} for _ in range(nodes)],
+            "nodes": [{"C": [[1.0] * states] * m, "R": np.eye(m).tolist()} for m in rows],
             "edges": sorted({(min(k, j), max(k, j)) for k, s in enumerate(slots) for j in s if j != k}) if not central else [],
             "tolerance": 0.02, "weights": "metropolis", "steps": steps, "seed": seed,
         }
@@ -63,7 +65,7 @@ class Log:
         self.header = {
             "format": "meshkal-log", "format_version": 1, "program": "meshkal 0.0.0", "filter": filter, "real": real,
             "source": "drawn" if truth else "recorded", "seed": seed, "runs": runs, "steps": steps, "loss": 0.1, "dt_s": dt_s,
-            "states": states, "positions": len(position_states or ()), "nodes": nodes, "estimators": e, "rows": [rows] * nodes, "slots": slots,
+            "states": states, "positions": len(position_states or ()), "nodes": nodes, "estimators": e, "rows": rows, "slots": slots,
         }
         self.positions_m = positions_m
         self.end, self.dtypes = "complete", {}
@@ -107,6 +109,19 @@ class Log:
         if truth:
             self.arrays["truth"] = x
             self.arrays["error"] = np.linalg.norm(estimate - x[:, :, None], axis=3)
+        if self.bands:
+            self._draw_bands(rng, central)
+
+    def _draw_bands(self, rng, central: bool) -> None:
+        h, first = self.header, np.cumsum([0, *map(len, self.header["slots"])])
+        trace, rows = self.arrays["trace_covariance"], h["rows"]
+        self.arrays["variance"] = (rng.dirichlet(np.full(h["states"], 5.0), trace.shape) * trace[..., None]).reshape(*trace.shape[:2], -1)
+        own = np.concatenate([np.repeat(np.arange(len(s) if central else 1), [rows[k] for k in (s if central else s[:1])]) + i
+                              for s, i in zip(h["slots"], first)])
+        arrived = np.asarray(self.arrays["measurements_arrived"])[..., own] > 0
+        variance = rng.uniform(0.5, 2.0, arrived.shape)
+        self.arrays["innovation"] = np.where(arrived, rng.normal(0, np.sqrt(variance)), np.nan)
+        self.arrays["innovation_variance"] = np.where(arrived, variance, np.nan)
 
     def type_of(self, key: str) -> str:
         return self.dtypes.get(key) or self.dtype(key)

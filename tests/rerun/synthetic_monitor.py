@@ -50,7 +50,7 @@ class NavigationLog(Log):
 
     first_step = 1
 
-    def __init__(self, steps=30, *, filter="rekf-t", real="float64", truth=True, seed=5, start_s=10.0):
+    def __init__(self, steps=30, *, filter="rekf-t", real="float64", truth=True, seed=5, start_s=10.0, bands=True):
         rng, nodes, n = np.random.default_rng(seed), len(NUMBERS), 17
         self.real, self.end, self.dtypes = real, "complete", {}
         self.scenario = {
@@ -92,6 +92,9 @@ class NavigationLog(Log):
             self.arrays |= {"weight": weight, "weight_statistic": rng.normal(0, 1, every)}
         if truth:
             self.arrays |= {"truth": x, "error": np.linalg.norm((estimate - x)[..., 6:9], axis=2)[..., None], "nees": rng.chisquare(n, (*shape, 1))}
+
+        if bands:
+            self.arrays["variance"] = rng.dirichlet(np.full(n, 5.0), shape) * self.arrays["trace_covariance"]
 
     def dtype(self, key: str) -> str:
         if key in ("measurements_arrived", "decision"):

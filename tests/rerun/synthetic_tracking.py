@@ -22,7 +22,7 @@ class TrackingLog(Log):
     first_step = 1
 
     def __init__(self, sensors=("range", "bearing", "range-bearing", "range-rate", "none"), steps=12, *, filter="duif", real="float64", runs=1,
-                 dimensions=2, truth=True, seed=7, iterations=4, limits=True, gate=True, positions=True, name="synthetic tracking"):
+                 dimensions=2, truth=True, seed=7, iterations=4, limits=True, gate=True, positions=True, name="synthetic tracking", bands=True):
         rng = np.random.default_rng(seed)
         nodes, central = len(sensors), filter in CENTRAL
         self.real, self.end, self.dtypes = real, "complete", {}
@@ -49,6 +49,9 @@ class TrackingLog(Log):
             "nodes": nodes, "estimators": e, "rows": rows, "slots": slots,
         }
         self._draw_tracking(rng, truth, gate, dimensions if positions else 0)
+        if bands:
+            trace = self.arrays["trace_covariance"]
+            self.arrays["variance"] = (rng.dirichlet(np.full(len(states), 5.0), trace.shape) * trace[..., None]).reshape(*trace.shape[:2], -1)
 
     def heard(self) -> list[tuple[int, int, int]]:
         """(place in arrays over slots, estimator, node) of each slot that readings come to."""

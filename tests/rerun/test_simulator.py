@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from readback import PACKAGE, Recording
 
+from meshkal_log.reader import LogReader
+
 SIMULATOR = Path(os.environ.get("MESHKAL", Path(__file__).resolve().parents[2] / "build" / "meshkal"))
 
 pytestmark = pytest.mark.skipif(not SIMULATOR.exists(), reason=f"{SIMULATOR} is not built")
@@ -39,6 +41,11 @@ def test_pipe_from_the_simulator(tmp_path, scenario, filter_name, real):
         steps = [decoder.decode() for _ in range(60)]
     numbers = np.array([np.frombuffer(s["error"].value, "<f8") for s in steps if s["run"] == 1])
     thetas = np.array([np.frombuffer(s["theta"].value, "<f8" if real == "float64" else "<f4") for s in steps if s["run"] == 1])
+    with log.open("rb") as stream:
+        [batch] = LogReader(stream).batches(1)
+    np.testing.assert_allclose(batch.variance.sum(axis=2), batch.trace_covariance, rtol=1e-5)
+    assert (np.isfinite(batch.innovation).mean() < 1) == (filter_name in ("kfc", "rkfc"))
+    assert (batch.innovation_variance[np.isfinite(batch.innovation)] > 0).all()
     recording = Recording(output)
     for k in range(header["estimators"]):
         name = "centre" if filter_name in ("kfc", "rkfc") else f"node/{k}"

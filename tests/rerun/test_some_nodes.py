@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Logs of some nodes of a network, as running nodes write them."""
 
+from contextlib import ExitStack
+
 import numpy as np
 import pytest
 from readback import Recording, command, convert
 from synthetic import Log
+
+from meshkal_log.joined import JoinedReader
+from meshkal_log.reader import LogReader
 
 KEEP = [1, 3]
 
@@ -14,10 +19,13 @@ def some(log: Log, keep: list[int] = KEEP) -> Log:
     n = log.header["states"]
     first = np.concatenate(([0], np.cumsum([len(s) for s in log.header["slots"]])))
     slots = np.concatenate([np.arange(first[k], first[k + 1]) for k in keep])
+    own = np.concatenate(([0], np.cumsum(log.header["rows"])))
     for key, values in log.arrays.items():
         width = values.shape[2] // log.header["estimators"]
         if key in ("measurements_arrived", "estimates_arrived"):
             log.arrays[key] = values[:, :, slots]
+        elif key.startswith("innovation"):
+            log.arrays[key] = values[:, :, np.concatenate([np.arange(own[k], own[k + 1]) for k in keep])]
         elif key not in ("measurements", "truth"):
             log.arrays[key] = np.concatenate([values[:, :, k * width : (k + 1) * width] for k in keep], axis=2)
     assert log.arrays["estimate"].shape[2] == n * len(keep)
@@ -56,12 +64,12 @@ def test_wrong_nodes(tmp_path, nodes):
     assert not (tmp_path / "log.rrd").exists()
 
 
-def one_by_one(tmp_path, nodes=5):
-    """Logs of all nodes of the same run, each its own; node 2 is away for three steps and has two logs."""
+def one_by_one(tmp_path, nodes=5, rows=1, old=()):
+    """Logs of all nodes of the same run, each its own; node 2 is away for three steps and has two logs. old: nodes whose logs are of an older program."""
     names = []
     for k in range(nodes):
         for part in range(2 if k == 2 else 1):
-            items = some(Log(nodes=nodes, truth=False), [k]).items()
+            items = some(Log(nodes=nodes, rows=rows, truth=False, bands=k not in old), [k]).items()
             path = tmp_path / f"{k}-{part}.cbor"
             path.write_bytes(b"".join(items if k != 2 else items[:5] if part == 0 else [items[0], *items[8:]]))
             names.append(path)
@@ -82,6 +90,28 @@ def test_logs_of_all_nodes_are_one(tmp_path):
                 mine[away] = all_[away]
             np.testing.assert_array_equal(mine, all_)
     np.testing.assert_array_equal(joined.series("measurement/node/0"), whole.series("measurement/node/0"))
+
+
+@pytest.mark.parametrize("old", [(), (1, 2), range(5)])
+def test_bands_of_joined_logs(tmp_path, old):
+    """Each node's numbers where it has them, in a network whose sensors differ; what no log has the joined one has not."""
+    rows = (2, 1, 3, 1, 2)
+    whole = Log(nodes=5, rows=rows, truth=False).arrays
+    paths = one_by_one(tmp_path, rows=rows, old=old)
+    with ExitStack() as stack:
+        reader = JoinedReader({path.name: LogReader(stack.enter_context(path.open("rb"))) for path in paths})
+        [batch] = reader.batches(0)
+    keys = ("variance", "innovation", "innovation_variance")
+    if len(old) == 5:
+        assert all(getattr(batch, key) is None for key in keys)
+        return
+    node = {"variance": np.repeat(np.arange(5), 4), "innovation": np.repeat(np.arange(5), rows), "innovation_variance": np.repeat(np.arange(5), rows)}
+    for key in keys:
+        want = whole[key][0].copy()
+        want[:, np.isin(node[key], old)] = np.nan
+        want[4:7, node[key] == 2] = np.nan
+        np.testing.assert_array_equal(getattr(batch, key).reshape(want.shape), want)
+        assert np.isfinite(want).mean() > 0.4
 
 
 def test_logs_of_two_networks(tmp_path):

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: MIT */
 /* The functions of mk_object_t for one MK_REAL. */
+#include "simulation/look.tmpl.h"
 
 typedef struct {
-    int n, m, slots, positions;
-    const int *position;
+    int n, m, slots, own_first[2];
+    const mk_scenario_t *scenario;
     MK_F_T(mk_node_config) config;
     MK_F_T(mk_node_gate) gate;
     MK_F_T(mk_host_node) * host;
@@ -38,15 +39,15 @@ static void *MK_F(open)(const mk_scenario_t *s, const mk_object_facts_t *facts) 
     o->n = o->config.filter.n;
     o->m = o->config.filter.m;
     o->slots = o->config.filter.slots;
-    o->positions = s->position_count;
-    o->position = s->position_states;
+    o->scenario = s;
+    o->own_first[1] = s->sensor[facts->node].rows;
     o->config.catch_up = (uint16_t)facts->catch_up;
     o->config.numbers = (uint8_t)facts->numbers;
     MK_F(put_gate)(o, facts);
     MK_F(put_secure)(o);
     o->host = MK_F(mk_host_node_open)(o->n, o->m, o->slots);
     o->view = &o->host->view;
-    o->moment.seen = mk_snapshot_make(&MK_NETWORK, 1, s);
+    o->moment.seen = mk_snapshot_make(&MK_NETWORK, 1, s, o->own_first);
     o->moment.y = mk_allocate((size_t)(o->slots * o->m), sizeof *o->moment.y);
     o->moment.have_y = mk_allocate(2 * (size_t)o->slots, 1);
     o->moment.have_psi = o->moment.have_y + o->slots;
@@ -104,21 +105,6 @@ static mk_status_t MK_F(accept)(void *object, const uint8_t *bytes, size_t lengt
     return MK_F(mk_node_accept)(o->n, o->m, o->slots, o->view, bytes, length);
 }
 
-/* What belongs to the time before the step. */
-static void MK_F(look_before)(MK_F(object) * o) {
-    MK_REAL *estimate = o->moment.seen.estimate, *trace = o->moment.seen.trace_covariance, *block = o->moment.seen.position_covariance;
-    MK_REAL V[MK_PACKED(MK_LARGEST_STATE)];
-    memcpy(estimate, o->view->filter.x, (size_t)o->n * sizeof *estimate);
-    if (MK_F(mk_rkfd_covariance)(o->n, &o->view->filter, V) != MK_OK) memset(V, 0, sizeof V);
-    *trace = MK_R(0.0);
-    for (int i = 0; i < o->n; i++) *trace += V[MK_AT(i, i)];
-    for (int i = 0; i < o->positions; i++)
-        for (int j = 0; j <= i; j++) {
-            const int a = o->position[i], b = o->position[j];
-            *block++ = V[a > b ? MK_AT(a, b) : MK_AT(b, a)];
-        }
-}
-
 /* Those that are used: some may have been dropped. */
 static void MK_F(look_at_readings)(MK_F(object) * o) {
     const MK_F_T(mk_rkfd_view) *const filter = &o->view->filter;
@@ -131,7 +117,8 @@ static void MK_F(look_at_readings)(MK_F(object) * o) {
 
 static mk_status_t MK_F(incremental)(void *object) {
     MK_F(object) *o = object;
-    MK_F(look_before)(o);
+    MK_F(mk_look_before)(o->scenario, &o->view->filter, 0, &o->moment.seen);
+    MK_F(mk_look_innovations)(&o->view->filter, 0, &o->moment.seen);
     /* In two parts, because the readings that are used are known between them only. */
     if (o->config.gate) MK_F(mk_node_judge_readings)(o->n, o->m, o->slots, o->view);
     MK_F(look_at_readings)(o);

@@ -182,13 +182,16 @@ void mk_telemetry_step(mk_telemetry_t *t, int run, int64_t step, const mk_moment
         const int k = s->slot[first + l];
         for (int r = 0; r < s->sensor[k].rows; r++) t->measurements[t->row[k] + r] = moment->y[l * t->most + r];
     }
-    mk_log_begin(&t->log, run, step, 10 + (positions > 0));
+    mk_log_begin(&t->log, run, step, 13 + (positions > 0));
     mk_log_reals(&t->log, "measurements", t->measurements, 8, rows);
     mk_log_uint8(&t->log, "measurements_arrived", moment->have_y, (size_t)slots);
     mk_log_uint8(&t->log, "estimates_arrived", moment->have_psi, (size_t)slots);
     mk_log_reals(&t->log, "estimate", seen->estimate, size, (size_t)s->n);
+    mk_log_reals(&t->log, "variance", seen->variance, size, (size_t)s->n);
     mk_log_reals(&t->log, "trace_covariance", seen->trace_covariance, size, 1);
     if (positions) mk_log_reals(&t->log, "position_covariance", seen->position_covariance, size, positions * (positions + 1) / 2);
+    mk_log_reals(&t->log, "innovation", seen->innovation, size, (size_t)seen->own_first[1]);
+    mk_log_reals(&t->log, "innovation_variance", seen->innovation_variance, size, (size_t)seen->own_first[1]);
     mk_log_reals(&t->log, "theta", seen->theta, size, 1);
     mk_log_reals(&t->log, "tolerance", seen->tolerance, size, 1);
     mk_log_reals(&t->log, "nis", seen->nis, size, 1);

@@ -86,7 +86,7 @@ static int run(const mk_network_t *network, void *net, const mk_topology_t *topo
     const int T = source->steps, from = T / 2, E = topology->estimators;
     uint8_t *arrived = mk_allocate((size_t)topology->first[E], 1), *heard = mk_allocate((size_t)topology->first[E], 1);
     double *now = mk_allocate((size_t)E, sizeof *now);
-    mk_snapshot_t snapshot = mk_snapshot_make(network, E, source->scenario);
+    mk_snapshot_t snapshot = mk_snapshot_make(network, E, source->scenario, NULL);
     const double *step_nis = snapshot.nis;
     mk_stream_t stream;
     int bad = 0;
@@ -97,7 +97,7 @@ static int run(const mk_network_t *network, void *net, const mk_topology_t *topo
         mk_stream_step(&stream, 0, t);
         memset(arrived, 1, (size_t)topology->first[E]);
         network->nees(net, stream.x, now);
-        status = network->incremental(net, 0, E, stream.y, source->row_first, arrived, &bad);
+        status = network->incremental(net, 0, E, stream.y, source->row_first, arrived, NULL, &bad);
         if (status == MK_OK) status = network->diffuse(net, 0, E, central ? NULL : heard, NULL, &bad);
         if (status != MK_OK) (void)mk_fail(error, "step %d, %s %d: %s", t, central ? "central filter" : "node", bad, mk_status_name(status));
         network->look_after(net, &snapshot);

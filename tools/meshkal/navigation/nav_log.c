@@ -38,10 +38,14 @@ static double covariance(const mk_nav_look_t *look, int i, int j) {
 }
 
 static void put_covariances(mk_run_log_t *log, const mk_nav_campaign_t *c, const mk_nav_look_t *look, double *work) {
-    double trace = 0.0, position[6], *next = position;
-    for (int i = 0; i < MK_NAV_STATES; i++) trace += covariance(look, i, i);
+    double trace = 0.0, variance[MK_NAV_STATES], position[6], *next = position;
+    for (int i = 0; i < MK_NAV_STATES; i++) {
+        variance[i] = covariance(look, i, i);
+        trace += variance[i];
+    }
     for (int i = 0; i < 3; i++)
         for (int j = 0; j <= i; j++) *next++ = covariance(look, MK_NAV_POSITION + i, MK_NAV_POSITION + j);
+    put(log, c, "variance", variance, MK_NAV_STATES, work);
     put(log, c, "trace_covariance", &trace, 1, work);
     put(log, c, "position_covariance", position, 6, work);
 }
@@ -72,7 +76,7 @@ void mk_nav_log_item(mk_run_log_t *log, const mk_nav_campaign_t *c, int run, lon
     const uint32_t bits = fault_bits(look, nodes);
     mk_monitor_field_t field[MK_MONITOR_FIELDS];
     double x[MK_NAV_STATES];
-    mk_log_begin(log, run, step, 15 + 3 * truth + 2 * weighted + faults + (watched ? mk_monitor_fields(&look->monitor, field) : 0));
+    mk_log_begin(log, run, step, 16 + 3 * truth + 2 * weighted + faults + (watched ? mk_monitor_fields(&look->monitor, field) : 0));
     mk_log_reals(log, "time_s", &epoch->t, 8, 1);
     if (truth) {
         const double error = sqrt(errors->position);

@@ -33,6 +33,7 @@ typedef struct {
     const int *row_first;
     uint8_t *arrived;
     const void *halo;
+    mk_snapshot_t *seen;
 } phase_t;
 
 /* Whether estimator e failed, and none of a lower number in the whole network did so far. */
@@ -83,10 +84,14 @@ int mk_monitor_rows(const mk_topology_t *topology, const mk_scenario_t *s, int e
     return (topology->first[e + 1] - topology->first[e]) * mk_topology_rows(topology, s, e);
 }
 
-mk_snapshot_t mk_snapshot_make(const mk_network_t *network, int estimators, const mk_scenario_t *s) {
-    const size_t count = (size_t)estimators, size = network->real_size;
+mk_snapshot_t mk_snapshot_make(const mk_network_t *network, int estimators, const mk_scenario_t *s, const int *own_first) {
+    const size_t count = (size_t)estimators, size = network->real_size, own = own_first ? (size_t)own_first[estimators] : 0;
     mk_snapshot_t snapshot;
     snapshot.estimate = mk_allocate(count * (size_t)s->n, size);
+    snapshot.variance = mk_allocate(count * (size_t)s->n, size);
+    snapshot.own_first = own_first;
+    snapshot.innovation = mk_allocate(own, size);
+    snapshot.innovation_variance = mk_allocate(own, size);
     snapshot.position_covariance = mk_allocate(count * (size_t)MK_PACKED(s->position_count), size);
     snapshot.trace_covariance = mk_allocate(count, size);
     snapshot.theta = mk_allocate(count, size);
@@ -100,6 +105,9 @@ mk_snapshot_t mk_snapshot_make(const mk_network_t *network, int estimators, cons
 
 void mk_snapshot_free(mk_snapshot_t *snapshot) {
     free(snapshot->estimate);
+    free(snapshot->variance);
+    free(snapshot->innovation);
+    free(snapshot->innovation_variance);
     free(snapshot->trace_covariance);
     free(snapshot->position_covariance);
     free(snapshot->theta);

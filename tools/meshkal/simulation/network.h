@@ -8,10 +8,12 @@
 #include "exact_sum.h"
 #include "host_monitor.h"
 
-/* What the nodes say of a step, in the network's precision: E numbers each; the estimate E x n; of V the block of the p position states,
-   packed, E x p (p + 1) / 2. */
+/* What the nodes say of a step, in the network's precision: E numbers each; the estimate and the diagonal of V E x n; of V the block of the p
+   position states, packed, E x p (p + 1) / 2. Of the readings of an estimator's own sensors (all of a centre's): own_first[E] numbers each. */
 typedef struct {
-    void *estimate, *trace_covariance, *position_covariance; /* before the step: belong to t */
+    void *estimate, *variance, *trace_covariance, *position_covariance; /* before the step: belong to t */
+    void *innovation, *innovation_variance; /* y - C x and the diagonal of C V C' + R there; NaN: no reading */
+    const int *own_first;                   /* first of estimator e's; null: there are no innovations */
     void *theta, *tolerance, *nis;     /* of the step */
     uint32_t *nis_rows, *faults;
     uint8_t *frozen;
@@ -35,8 +37,10 @@ typedef struct {
     mk_status_t (*start)(void *network, int *bad);
     mk_status_t (*set_tolerance)(void *network, const double *tolerance, int *bad);
     /* Steps of the estimators begin .. end - 1. arrived, a byte for each slot: in, whether the link works; out, whether a reading was there
-       as well; a monitor may then leave it out. y: rows of all nodes one after another from row_first[k], NaN in the first row: no reading. */
-    mk_status_t (*incremental)(void *network, int begin, int end, const double *y, const int *row_first, uint8_t *arrived, int *bad);
+       as well; a monitor may then leave it out. y: rows of all nodes one after another from row_first[k], NaN in the first row: no reading.
+       seen: gets the innovations, also of readings that a monitor leaves out; null: nobody looks at them. */
+    mk_status_t (*incremental)(void *network, int begin, int end, const double *y, const int *row_first, uint8_t *arrived, mk_snapshot_t *seen,
+                               int *bad);
     /* arrived may be null: no estimates are exchanged. halo: psi of the topology's halo. */
     mk_status_t (*diffuse)(void *network, int begin, int end, uint8_t *arrived, const void *halo, int *bad);
     /* psi of some estimators, one after another. */
@@ -60,7 +64,8 @@ extern const mk_network_t mk_network_f32, mk_network_f64;
 /* Rows of the monitor of estimator e. */
 int mk_monitor_rows(const mk_topology_t *topology, const mk_scenario_t *scenario, int e);
 
-mk_snapshot_t mk_snapshot_make(const mk_network_t *network, int estimators, const mk_scenario_t *scenario);
+/* own_first, estimators + 1 numbers or null, stays the caller's. */
+mk_snapshot_t mk_snapshot_make(const mk_network_t *network, int estimators, const mk_scenario_t *scenario, const int *own_first);
 void mk_snapshot_free(mk_snapshot_t *snapshot);
 
 #endif

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: MIT */
+#include "simulation/look.tmpl.h"
 
 /* A node keeps core, x, W and psi. What lives within a step only, its readings and what it hears of psi, is the thread's. So is, in a network
    too large for the caches, its configuration: put together for each step out of what the network holds of each sensor once. */
@@ -106,12 +107,12 @@ static void MK_F(allocate)(MK_F_T(network) * net) {
     size_t all = 0;
     for (int e = 0; e < net->estimators; e++) {
         const size_t slots = (size_t)(net->topology->first[e + 1] - net->topology->first[e]), m = (size_t)MK_F(most_rows)(net, e);
-        const size_t own = MK_CONFIG_NUMBERS(n, m, slots), work = MK_RKFD_WORK(n, m), innovations = MK_RKFD_INNOVATIONS_WORK(n, m);
+        const size_t own = MK_CONFIG_NUMBERS(n, m, slots), work = MK_RKFD_WORK(n, m), predict = MK_RKFD_PREDICT_WORK(n, m);
         all += own;
         if (own > net->room_size) net->room_size = own;
         if (slots > net->most_slots) net->most_slots = slots;
         if (work > net->work_size) net->work_size = work;
-        if (innovations > net->work_size) net->work_size = innovations;
+        if (predict > net->work_size) net->work_size = predict; /* the innovations' is no larger */
         if (slots * m > net->y_size) net->y_size = slots * m;
     }
     net->scratch_size = net->work_size + net->y_size + net->most_slots * n;
@@ -269,6 +270,7 @@ static mk_status_t MK_F(incremental_one)(const phase_t *phase, int worker, int e
         const mk_status_t status = MK_F(mk_rkfd_put)(config->n, config->m, &view, l, values, 0);
         if (status != MK_OK) return status;
     }
+    if (phase->seen) MK_F(mk_look_innovations)(&view, e, phase->seen);
     if (net->monitor) MK_F(watch)(net, config, &view, e);
     return MK_F(mk_sized_incremental)(config->n, config->m, config->slots, &view);
 }
@@ -330,17 +332,18 @@ static mk_status_t MK_F(run_phase)(phase_t *phase, int *bad) {
 
 static mk_status_t MK_F(start)(void *network, int *bad) {
     MK_F_T(network) *net = network;
-    phase_t phase = {START, network, 0, net->estimators, NULL, NULL, NULL, NULL};
+    phase_t phase = {START, network, 0, net->estimators, NULL, NULL, NULL, NULL, NULL};
     return MK_F(run_phase)(&phase, bad);
 }
 
-static mk_status_t MK_F(incremental)(void *network, int begin, int end, const double *y, const int *row_first, uint8_t *arrived, int *bad) {
-    phase_t phase = {INCREMENT, network, begin, end, y, row_first, arrived, NULL};
+static mk_status_t MK_F(incremental)(void *network, int begin, int end, const double *y, const int *row_first, uint8_t *arrived, mk_snapshot_t *seen,
+                                     int *bad) {
+    phase_t phase = {INCREMENT, network, begin, end, y, row_first, arrived, NULL, seen};
     return MK_F(run_phase)(&phase, bad);
 }
 
 static mk_status_t MK_F(diffuse)(void *network, int begin, int end, uint8_t *arrived, const void *halo, int *bad) {
-    phase_t phase = {DIFFUSE, network, begin, end, NULL, NULL, arrived, halo};
+    phase_t phase = {DIFFUSE, network, begin, end, NULL, NULL, arrived, halo, NULL};
     return MK_F(run_phase)(&phase, bad);
 }
 

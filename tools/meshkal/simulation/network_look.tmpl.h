@@ -29,21 +29,9 @@ static void MK_F(nees)(void *network, const double *x, double *nees) {
 
 static void MK_F(look_before)(void *network, mk_snapshot_t *snapshot) {
     MK_F_T(network) *net = network;
-    const int *position = net->scenario->position_states, positions = net->scenario->position_count;
-    MK_REAL *estimate = snapshot->estimate, *trace = snapshot->trace_covariance, *block = snapshot->position_covariance;
-    MK_REAL V[MK_PACKED(MK_LARGEST_STATE)];
-    memcpy(estimate, net->x, (size_t)net->estimators * (size_t)net->n * sizeof *estimate);
     for (int e = 0; e < net->estimators; e++) {
         const MK_F_T(mk_rkfd_view) view = MK_F(view)(net, 0, e);
-        /* W is the inverse of a positive definite matrix that the step has just factored, or of P0: it inverts. */
-        if (MK_F(mk_rkfd_covariance)(net->n, &view, V) != MK_OK) memset(V, 0, sizeof V);
-        trace[e] = MK_R(0.0);
-        for (int i = 0; i < net->n; i++) trace[e] += V[MK_AT(i, i)];
-        for (int i = 0; i < positions; i++)
-            for (int j = 0; j <= i; j++) {
-                const int a = position[i], b = position[j];
-                *block++ = V[a > b ? MK_AT(a, b) : MK_AT(b, a)];
-            }
+        MK_F(mk_look_before)(net->scenario, &view, e, snapshot);
     }
 }
 

@@ -23,6 +23,16 @@ enum { SQUARE, POSITION, FINDINGS, STEP_SUMS = FINDINGS + MK_FINDINGS };
 
 int mk_runner_watches(const mk_runner_t *r) { return r->c->monitor.scheme != MK_MONITOR_NONE; }
 
+/* A centre's own sensors are all, a node's is one. */
+static void open_snapshot(mk_runner_t *r) {
+    const mk_scenario_t *s = r->c->scenario;
+    const int E = r->topology->estimators;
+    r->own_first = mk_allocate((size_t)E + 1, sizeof *r->own_first);
+    for (int e = 0; e < E; e++)
+        r->own_first[e + 1] = r->own_first[e] + (r->c->filter->central ? r->source->row_first[s->nodes] : s->sensor[mk_topology_id(r->topology, e)].rows);
+    r->snapshot = mk_snapshot_make(r->c->network, E, s, r->own_first);
+}
+
 void mk_runner_open(mk_runner_t *r, const mk_campaign_t *c, const mk_source_t *source, mk_team_t *team, const mk_topology_t *topology,
                     const double *tolerance, const double *schedule, int threads) {
     const mk_scenario_t *s = c->scenario;
@@ -38,7 +48,7 @@ void mk_runner_open(mk_runner_t *r, const mk_campaign_t *c, const mk_source_t *s
     mk_stream_open(&r->stream, source, c->filter->central || team->ranks == 1 ? NULL : topology, team, s->nodes < WORTH_THREADS ? 1 : threads);
     r->net = c->network->open(s, topology, tolerance, schedule ? 0.0 : c->frozen, &c->monitor, threads);
     if (mk_runner_watches(r)) mk_alerts_open(&r->alerts, s, topology, &c->monitor, c->network->real_size, r->total);
-    if (c->log_path) r->snapshot = mk_snapshot_make(c->network, topology->estimators, s);
+    if (c->log_path) open_snapshot(r);
     r->slots = (size_t)topology->first[E];
     r->y_arrived = mk_allocate(2 * r->slots, 1);
     r->psi_arrived = r->y_arrived + r->slots;
@@ -70,6 +80,7 @@ void mk_runner_close(mk_runner_t *r) {
     free(r->receive);
     free(r->gathered);
     free(r->own_y);
+    free(r->own_first);
 }
 
 /* Something done for all estimators in step t of a run. */
@@ -227,6 +238,7 @@ static void step_network(mk_runner_t *r, int run, int t, mk_error_t *error) {
     const int E = topology->estimators, inner = topology->interior;
     const double *y = r->stream.y;
     const int *rows = r->source->row_first;
+    mk_snapshot_t *const seen = r->c->log_path ? &r->snapshot : NULL;
     int *bad = &r->bad, good = r->failed < 0;
     mk_status_t status;
     if (r->schedule && good) {
@@ -237,12 +249,12 @@ static void step_network(mk_runner_t *r, int run, int t, mk_error_t *error) {
     /* The inner nodes' failure does not hide that of a lower one among the rest. */
     const int begun = good;
     if (begun) {
-        status = network->incremental(r->net, 0, inner, y, rows, r->y_arrived, bad);
+        status = network->incremental(r->net, 0, inner, y, rows, r->y_arrived, seen, bad);
         good = check(r, run, t, PHASE_INCREMENTAL, status, error);
     }
     finish_readings(r);
     if (begun) {
-        status = network->incremental(r->net, inner, E, y, rows, r->y_arrived, bad);
+        status = network->incremental(r->net, inner, E, y, rows, r->y_arrived, seen, bad);
         good = check(r, run, t, PHASE_INCREMENTAL, status, error) && good;
     }
     if (mk_runner_watches(r)) for_all(r, run, t, take_some_alerts);

@@ -32,6 +32,7 @@ typedef struct {
     int waiting, from; /* steps that wait, the first of them */
     unsigned char *send, *receive, *gathered;
     double *own_y; /* rows of the part's own sensors; null where the process holds all */
+    int *own_first; /* of the rows of each estimator's own sensors; null without a log */
     int64_t failed; /* where this part failed first, in the order in which one process would have met it; -1: nowhere */
     int bad;
     long steps_done;

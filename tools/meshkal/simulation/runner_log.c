@@ -24,6 +24,14 @@ static void log_reals(mk_runner_t *r, mk_run_log_t *log, const char *key, const 
     if (log) mk_log_reals(log, key, all, size, (size_t)r->total * width);
 }
 
+/* Of the rows of the estimators' own sensors. */
+static void log_own(mk_runner_t *r, mk_run_log_t *log, const char *key, const void *local) {
+    const int *first = r->source->row_first;
+    const size_t size = r->c->network->real_size;
+    const void *all = whole(r, local, first, size);
+    if (log) mk_log_reals(log, key, all, size, (size_t)first[r->c->scenario->nodes]);
+}
+
 static void log_uint32(mk_runner_t *r, mk_run_log_t *log, const char *key, const uint32_t *local) {
     const void *all = whole(r, local, NULL, sizeof *local);
     if (log) mk_log_uint32(log, key, all, (size_t)r->total);
@@ -65,15 +73,18 @@ void mk_runner_log(mk_runner_t *r, mk_run_log_t *log, int run, int t) {
     const int truth = r->source->has_truth, central = r->c->filter->central, positions = s->position_count;
     mk_monitor_field_t field[MK_MONITOR_FIELDS];
     const int monitor = mk_runner_watches(r) ? mk_monitor_fields(&r->alerts.snapshot, field) : 0, fault = r->stream.fault != NULL;
-    if (log) mk_log_begin(log, run, t, 9 + 2 * truth + !central + (positions > 0) + (r->c->frozen > 0.0) + fault + monitor);
+    if (log) mk_log_begin(log, run, t, 12 + 2 * truth + !central + (positions > 0) + (r->c->frozen > 0.0) + fault + monitor);
     if (truth && log) mk_log_reals(log, "truth", r->stream.x, 8, (size_t)s->n);
     log_readings(r, log);
     log_slots(r, log, "measurements_arrived", r->y_arrived);
     if (!central) log_slots(r, log, "estimates_arrived", r->psi_arrived);
     log_reals(r, log, "estimate", seen->estimate, size, (size_t)s->n);
     if (truth) log_reals(r, log, "error", r->error, 8, 1);
+    log_reals(r, log, "variance", seen->variance, size, (size_t)s->n);
     log_reals(r, log, "trace_covariance", seen->trace_covariance, size, 1);
     if (positions > 0) log_reals(r, log, "position_covariance", seen->position_covariance, size, (size_t)MK_PACKED(positions));
+    log_own(r, log, "innovation", seen->innovation);
+    log_own(r, log, "innovation_variance", seen->innovation_variance);
     log_reals(r, log, "theta", seen->theta, size, 1);
     log_reals(r, log, "tolerance", seen->tolerance, size, 1);
     log_reals(r, log, "nis", seen->nis, size, 1);

@@ -48,6 +48,9 @@ static void put_covariances(mk_run_log_t *log, const mk_track_campaign_t *c, con
                             float *single) {
     const mk_scenario_t *const s = c->scenario;
     const int E = setting->topology.estimators, n = s->n, p = s->position_count, packed = MK_PACKED(n);
+    for (int e = 0; e < E; e++)
+        for (int i = 0; i < n; i++) work[e * n + i] = look->covariance[e * packed + MK_PACKED(i) + i];
+    put(log, c, "variance", work, (size_t)(E * n), single);
     for (int e = 0; e < E; e++) {
         work[e] = 0.0;
         for (int i = 0; i < n; i++) work[e] += look->covariance[e * packed + MK_PACKED(i) + i];
@@ -130,7 +133,7 @@ void mk_track_log_item(mk_run_log_t *log, const mk_track_campaign_t *c, const mk
     const size_t E = (size_t)setting->topology.estimators, slots = (size_t)setting->topology.first[E];
     const int truth = c->facts.has_truth;
     float *const single = (float *)(void *)(work + half_room(setting));
-    mk_log_begin(log, run, step, 13 + 3 * truth + (s->position_count > 0) + 3 * distributed(setting) + informs(setting) + 2 * robust(setting) +
+    mk_log_begin(log, run, step, 14 + 3 * truth + (s->position_count > 0) + 3 * distributed(setting) + informs(setting) + 2 * robust(setting) +
                                (s->faults > 0));
     mk_log_reals(log, "time_s", &instant->t, 8, 1);
     if (truth) mk_log_reals(log, "truth", instant->x, 8, (size_t)s->n);

@@ -81,6 +81,11 @@ class Header:
         """Where each estimator's slots start in an array over the slots of all estimators."""
         return np.concatenate(([0], np.cumsum([len(s) for s in self.slots])[:-1])).astype(np.intp)
 
+    @property
+    def own_rows(self) -> tuple[int, ...]:
+        """How many numbers of `innovation` each estimator of a linear log has: rows of its own sensor, of a centre those of all."""
+        return (sum(self.rows),) if self.central else tuple(self.rows[k] for k in self.estimator_nodes)
+
     def sensor_number(self, node: int) -> int:
         return self.satellites[node] if self.satellites else node
 
@@ -108,8 +113,12 @@ class Batch:
     truth: np.ndarray | None = None
     error: np.ndarray | None = None
     estimates_arrived: np.ndarray | None = None
+    variance: np.ndarray | None = None  # (T, E, n), the diagonal of the covariance
     position_covariance: np.ndarray | None = None  # (T, E, p (p + 1) / 2), rows of the lower triangle
     fault: np.ndarray | None = None  # (T, rows of all nodes): what was added to the readings
+    # Of a linear log: (T, sum of own_rows); of a navigation log only the first: (T, N). NaN: no reading.
+    innovation: np.ndarray | None = None
+    innovation_variance: np.ndarray | None = None
     # Of a tracking log, some of them also of a navigation log.
     time_s: np.ndarray | None = None  # (T,)
     measuring: np.ndarray | None = None  # (T, N)
@@ -124,7 +133,6 @@ class Batch:
     # Of a navigation log: (T, N).
     azimuth_deg: np.ndarray | None = None
     elevation_deg: np.ndarray | None = None
-    innovation: np.ndarray | None = None
     # Of filters that weigh readings: (T, slots).
     weight: np.ndarray | None = None
     weight_statistic: np.ndarray | None = None
@@ -149,9 +157,9 @@ class Decision(IntEnum):
     NONE, USED, REJECTED, INFLATED, REFUSED, LOST = range(6)
 
 
-_OPTIONAL = ("truth", "error", "estimates_arrived", "position_covariance", "fault", "weight", "weight_statistic")
+_OPTIONAL = ("truth", "error", "estimates_arrived", "variance", "position_covariance", "fault", "weight", "weight_statistic")
 _OPTIONAL_OF = {
-    LINEAR: (),
+    LINEAR: ("innovation", "innovation_variance"),
     TRACKING: ("theta", "tolerance", "nees", "messages_arrived", "disagreement", "consensus_disagreement"),
     NAVIGATION: ("nees", "innovation"),
 }
@@ -174,6 +182,7 @@ def lengths(header: Header) -> dict[str, tuple[np.dtype, int]]:
         # A navigation filter computes the error of an estimate that is float64 in any precision.
         "estimate": (double if header.navigation else real, e * header.states),
         "error": (double, e),
+        "variance": (real, e * header.states),
         "trace_covariance": (real, e),
         "position_covariance": (real, e * header.positions * (header.positions + 1) // 2),
         "nis": (real, e),
@@ -184,6 +193,7 @@ def lengths(header: Header) -> dict[str, tuple[np.dtype, int]]:
         "weight_statistic": (real, slots),
     }
     network = {"estimates_arrived": (byte, slots), "theta": (real, e), "tolerance": (real, e)}
+    own = {"innovation": (real, sum(header.own_rows)), "innovation_variance": (real, sum(header.own_rows))}
     timed = {"time_s": (double, 1), "decision": (byte, slots), "nees": (double, e)}
     tracking = {
         "measuring": (byte, header.nodes),
@@ -195,7 +205,7 @@ def lengths(header: Header) -> dict[str, tuple[np.dtype, int]]:
         "consensus_disagreement": (double, header.iterations + 1),
     }
     sky = {"azimuth_deg": (double, header.nodes), "elevation_deg": (double, header.nodes), "innovation": (real, header.nodes)}
-    of_kind = {LINEAR: network, TRACKING: network | timed | tracking, NAVIGATION: timed | sky}
+    of_kind = {LINEAR: network | own, TRACKING: network | timed | tracking, NAVIGATION: timed | sky}
     return every | of_kind[header.kind] | monitor_lengths(header)
 
 

@@ -10,9 +10,12 @@ from .fields import Batch, Header, lengths, monitor_lengths, optional
 from .reader import LogError, LogReader, check_arrays
 
 _SAME = ("scenario_sha256", "filter", "real", "dt_s", "source", "monitor", "monitor_window", "monitor_false_alarm")
-# What holds one number or more of each slot, and of each estimator.
+# What holds one number or more of each slot, of each estimator, and of each row of its own sensor. The optional ones some of the logs may lack.
 _SLOTS = ("measurements_arrived", "estimates_arrived")
-_EACH = ("estimate", "trace_covariance", "position_covariance", "theta", "tolerance", "nis", "nis_rows", "faults")
+_EACH = ("estimate", "variance", "trace_covariance", "position_covariance", "theta", "tolerance", "nis", "nis_rows", "faults")
+
+_OWN = ("innovation", "innovation_variance")
+_OPTIONAL = ("variance", *_OWN)
 
 
 def _of_slots(header: Header) -> tuple[str, ...]:
@@ -55,23 +58,26 @@ class JoinedReader(LogReader):
     def _steps(self) -> Iterator[dict]:
         sources = [(reader.header, _checked(name, reader)) for name, reader in self._readers.items()]
         heads = [next(items, None) for _, items in sources]
+        absent = {key for key in _OPTIONAL if not any(head and key in head for head in heads)}
         while any(head is not None for head in heads):
             now = min((head["run"], head["step"]) for head in heads if head is not None)
             present = [i for i, head in enumerate(heads) if head is not None and (head["run"], head["step"]) == now]
             self._items += 1
-            yield self._together(*now, [(sources[i][0], heads[i]) for i in present])
+            yield self._together(*now, [(sources[i][0], heads[i]) for i in present], absent)
             for i in present:
                 heads[i] = next(sources[i][1], None)
 
-    def _together(self, run: int, step: int, parts: list) -> dict:
+    def _together(self, run: int, step: int, parts: list, absent: set[str]) -> dict:
         item: dict = {"run": run, "step": step}
-        sizes, of_slots, of_estimators = lengths(self.header), _of_slots(self.header), _of_estimators(self.header)
-        for key in ("measurements", *of_slots, *of_estimators):
+        sizes = lengths(self.header)
+        of_slots, of_estimators, own = ([key for key in keys if key not in absent] for keys in (_of_slots(self.header), _of_estimators(self.header), _OWN))
+        rows = np.concatenate(([0], np.cumsum(self.header.own_rows)))
+        for key in ("measurements", *of_slots, *of_estimators, *own):
             dtype, length = sizes[key]
             item[key] = np.full(length, np.nan if dtype.kind == "f" else 0, dtype=dtype)
         for header, part in parts:
             item["measurements"] = np.where(np.isnan(item["measurements"]), part["measurements"], item["measurements"])
-            at = 0
+            at = row = 0
             for i, (node, slots) in enumerate(zip(header.estimator_nodes, header.slots)):
                 k = self.header.estimator_nodes.index(node)
                 start = int(self.header.slot_starts[k])
@@ -80,8 +86,12 @@ class JoinedReader(LogReader):
                 at += len(slots)
                 for key in of_estimators:
                     width = sizes[key][1] // self.header.estimators
-                    if width:
+                    if width and key in part:
                         item[key][k * width : (k + 1) * width] = part[key][i * width : (i + 1) * width]
+                for key in own:
+                    if key in part:
+                        item[key][rows[k] : rows[k + 1]] = part[key][row : row + header.own_rows[i]]
+                row += header.own_rows[i]
         if not self.header.positions:
             del item["position_covariance"]
         return item

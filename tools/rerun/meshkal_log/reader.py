@@ -260,7 +260,7 @@ def _batch(items: list[dict], header: Header) -> Batch:
         return np.stack([item[key] for item in items]) if key in items[0] else None
 
     arrays = {key: stack(key) for key in lengths(header)}
-    for key in ("estimate", "position_covariance"):
+    for key in ("estimate", "variance", "position_covariance"):
         if arrays[key] is not None:
             arrays[key] = arrays[key].reshape(len(items), header.estimators, -1)
     for key in ("time_s", "disagreement"):
