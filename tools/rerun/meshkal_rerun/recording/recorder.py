@@ -9,13 +9,14 @@ import rerun as rr
 
 from meshkal_log.fields import LINEAR, NAVIGATION, TRACKING, Batch, Header
 from meshkal_log.scenario import Scenario
-from ..numbers import derive
+from ..numbers import agreement, derive
 from ..numbers.integrity import Story
 from ..numbers.survey import Survey, quantities
 from ..summary.linear import Summary
 from ..summary.navigation import NavigationSummary
 from ..summary.tracking import TrackingSummary
 from . import colours
+from .agreement import AgreementRecorder
 from .integrity import IntegrityRecorder
 from .integrity_marks import IntegrityMarks
 from .navigation import NavigationRecorder, NavigationScene
@@ -45,16 +46,17 @@ _SUMMARY_STYLE = {
 
 
 def recording_id(header: Header, run: int, compared: Sequence[str] = ()) -> str:
-    """The same run gives the same id. The viewer merges recordings of equal id, so everything that makes a run differ is in it."""
+    """The same run gives the same id. compared: ids of other logs beside it. The viewer merges recordings of equal id, so everything that makes a run differ is in it."""
     rest = (header.program, header.real, header.source, header.steps, header.loss, header.dt_s)
     if header.estimator_nodes != tuple(range(header.nodes)) and not header.central:
         rest += header.estimator_nodes
     if header.tracking:
-        rest += (header.start_s, header.iterations, header.protocol, header.increments, header.gate, *compared)
+        rest += (header.start_s, header.iterations, header.protocol, header.increments, header.gate)
     if header.navigation:
-        rest += (header.start_s, header.satellites, *compared)
+        rest += (header.start_s, header.satellites)
     if header.monitor:
         rest += (header.monitor, header.monitor_window, header.monitor_false_alarm)
+    rest += tuple(compared)
     digest = hashlib.sha256(repr(rest).encode()).hexdigest()[:8]
     return f"{header.scenario_sha256[:16]}-{header.filter}-seed{header.seed}-run{run}-{digest}"
 
@@ -88,6 +90,8 @@ class Recorder:
         self._navigation = NavigationRecorder(rec, self._series, self._clock, header, self._palette) if header.navigation else None
         # The links of satellites to one receiver say nothing; the sky does.
         self._graph = None if header.navigation else NetworkGraph(rec, header, scenario, found.shade_range_db)
+        agrees = agreement.applies(header)
+        self._agreement = AgreementRecorder(rec, self._series, self._clock, header, scenario, self._palette, named) if agrees else None
         self._story = Story(header)
         self._integrity = IntegrityRecorder(self._series, self._clock, header, scenario, self._palette, self._names, paths)
         self._marks = IntegrityMarks(rec, self._clock, header, scenario) if header.monitor and self._graph else None
@@ -110,6 +114,8 @@ class Recorder:
         self._integrity.batch(times, batch, events)
         if self._marks:
             self._marks.batch(batch)
+        if self._agreement:
+            self._agreement.batch(times, batch)
         if self._scene:
             self._scene.batch(times, batch)
         if self._graph:
@@ -123,6 +129,8 @@ class Recorder:
             self._scene.finish()
         if self._navigation:
             self._navigation.finish()
+        if self._agreement:
+            self._agreement.finish()
         self._summary.more += more
         self._rec.log("summary", rr.TextDocument(self._summary.text(end, self._shade_range if self._graph else None), media_type="text/markdown"), static=True)
 

@@ -8,8 +8,13 @@ import rerun.blueprint as rrb
 from meshkal_log.fields import Batch, Header
 from meshkal_log.reader import LogError
 from meshkal_log.scenario import Scenario
+from meshkal_log.together import Label
+from ..numbers import agreement
+from ..numbers.difference import Difference
 from ..numbers.survey import Survey
 from ..recording.series import seconds_timeline
+from . import compare as compare_blueprint
+from . import consensus as consensus_blueprint
 from . import integrity as integrity_blueprint
 from . import navigation as navigation_blueprint
 from . import parts as views
@@ -26,20 +31,26 @@ def blueprint(
     first: Batch,
     found: Survey,
     named: Sequence[int],
-    compared: tuple[str, ...] = (),
+    compared: Sequence[tuple[Label, Difference]] = (),
     view: str | None = None,
 ) -> rrb.Blueprint:
-    """`first` is the first batch: it tells whether there is a truth, and where the scene is. named: nodes, the worst first. compared: names of
-    other logs. view: of VIEWS, what is in front."""
+    """`first` is the first batch: it tells whether there is a truth, and where the scene is. named: nodes, the worst first. compared: the shown log's
+    name with no difference, and those of others with theirs; or nothing. view: of VIEWS, what is in front."""
+    beside = tuple(label.text for label, _ in compared[1:]) if scenario.position_states else ()
     few = header.estimators <= DRAWN_NODES
     if header.navigation:
-        front = navigation_blueprint.front(header, scenario, first, compared)
+        front = navigation_blueprint.front(header, scenario, first, beside)
     elif header.tracking:
-        front = tracking_blueprint.front(header, scenario, first, compared, few=few)
+        front = tracking_blueprint.front(header, scenario, first, beside, few=few)
     else:
         front = {"overview": _overview(header, scenario, first, few=few)}
     if header.monitor:
         front["integrity"] = integrity_blueprint.tab(header, first)
+    if agreement.applies(header):
+        front["consensus"] = consensus_blueprint.tab(header, scenario, first)
+    if compared:
+        front["compare"] = compare_blueprint.tab(header, compared[0][0], compared[1:])
+        view = view or "compare"
     if view is not None and view not in front:
         raise LogError(f"the log has nothing for the view {view}; it has {', '.join(front)}")
     tabs = [*front.values(), *_details(header, scenario, first, few=few)]

@@ -9,6 +9,7 @@ from meshkal_log.scenario import Scenario
 from ..numbers import tracking as numbers
 from ..recording import colours
 from ..recording.tracking import DRAWN_SLOTS
+from .consensus import consensus
 from .parts import TIME_AXIS, plot, scene, series, states, text_log
 
 # One lane each; more would be too thin to read.
@@ -78,8 +79,7 @@ def _plots(header: Header, scenario: Scenario, first: Batch, compared: tuple[str
     elif compared:
         out.append(series("disagreement", f"Disagreement, m{distances}", ["$origin/**"]))
     if first.consensus_disagreement is not None and header.iterations:
-        name = f"Consensus: distance of information matrices from their mean, dB; red: before, blue: after {header.iterations} iterations"
-        out.append(series("consensus", name, ["$origin/**"]))
+        out.append(consensus(header))
     return out
 
 

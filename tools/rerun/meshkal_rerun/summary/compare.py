@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: MIT
+"""The text beside the pictures of two logs: what differs between them, which one is better, and since when they are not equal."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from meshkal_log.fields import Header
+from meshkal_log.together import Label, differing
+from ..numbers.difference import Difference
+from .linear import db, table
+
+_LARGEST_TABLE = 40
+# First what a node computes from nothing but itself and its input.
+_NAMES = {
+    "truth": "truth", "measurements": "readings", "measurements_arrived": "readings that arrived", "estimates_arrived": "estimates that arrived",
+    "messages_arrived": "messages that arrived", "estimate": "estimates", "error": "errors", "variance": "variances",
+    "trace_covariance": "trace of the covariance", "position_covariance": "covariance of the position", "theta": "theta", "tolerance": "tolerance",
+    "nis": "NIS", "nis_rows": "NIS, rows", "nees": "NEES", "faults": "faults of nodes", "fault": "faults of sensors",
+}
+
+
+def text(shown: tuple[str, Label, Header], others: Sequence[tuple[str, Label, Header]], found: Sequence[Difference]) -> str:
+    """Files, labels and headers, and how each of the others differs from the shown log."""
+    parts = [f"# {shown[1].text} beside {', '.join(label.text for _, label, _ in others)}"]
+    for other, difference in zip(others, found):
+        parts += _one(shown[1].text, other[1].text, difference, several=len(others) > 1)
+    every = [shown, *others]
+    parts.append(_differing(every))
+    for other, difference in zip(others, found):
+        parts.append(_divergences(difference, other[1].text if len(others) > 1 else ""))
+    return "\n\n".join([*parts, _legend(shown[1].text, found)])
+
+
+def rows(theirs: str, d: Difference) -> list[tuple[str, str]]:
+    """For the summary of the shown log: the RMS over all its estimators, of the steps that both logs know it of."""
+    if not d.rms_known:
+        return []
+    squares = d.rms_squares / d.rms_known
+    if not d.metres:
+        apart = f" = {db(squares[0] / squares[1])}" if squares[1] > 0.0 else ""
+        return [(f"RMS error against {theirs}", f"{db(squares[0])} / {db(squares[1])}{apart}")]
+    ours, others = np.sqrt(squares)
+    ratio = f" = {ours / others:.3f}" if others > 0 else ""
+    return [(f"position RMSE against {theirs}", f"{ours:.4g} m / {others:.4g} m{ratio}")]
+
+
+def _one(mine: str, theirs: str, d: Difference, *, several: bool) -> list[str]:
+    parts = [f"## against {theirs}"] if several else []
+    parts.append(_verdict(mine, theirs, d))
+    rows = []
+    known = d.known.sum()
+    unit = "position error" if d.metres else "error"
+    if known:
+        squares = d.squares.sum(axis=1) / known
+        for name, square in zip((mine, theirs), squares):
+            value = f"{math.sqrt(square):.4g} m ({db(square)})" if d.metres else db(square)
+            rows.append((f"RMS {unit}, {name}", value))
+        rows.append(("mean difference", _interval(d)))
+        share = f"{_percent(d.better, d.judged)} of nodes and steps" if len(d.pairing) > 1 else f"{_percent(d.better, d.judged)} of steps"
+        rows.append((f"{mine} is better in", share + (f", equal in {_percent(d.equal, d.judged)}" if d.equal else "")))
+        mean = d.mean_db
+        if len(mean) > 1 and np.isfinite(mean).any():
+            low, high = int(np.nanargmin(mean)), int(np.nanargmax(mean))
+            rows.append(("nodes with the lowest and highest mean", f"{d.pairing.name(low)}: {mean[low]:+.2f} dB, {d.pairing.name(high)}: {mean[high]:+.2f} dB"))
+        if d.worst is not None:
+            rows.append(("largest difference", _extreme(d, d.worst)))
+            rows.append(("smallest difference", _extreme(d, d.best)))
+    else:
+        rows.append((unit, "not known in both logs"))
+    if d.apart_known:
+        unit = " m" if d.metres else ""
+        rows.append(("RMS distance of the estimates", f"{math.sqrt(d.apart_squares / d.apart_known):.3g}{unit}"))
+        rows.append(("largest distance", f"{d.farthest.value:.3g}{unit}, {d.pairing.name(d.farthest.pair)} at step {d.farthest.step}"))
+    alone = "".join(f", {count} only in {name}" for count, name in ((d.only_mine, mine), (d.only_theirs, theirs)) if count)
+    rows.append(("steps compared", f"{d.steps}{alone}"))
+    return [*parts, table(f"{mine} less {theirs}", rows)]
+
+
+def _verdict(mine: str, theirs: str, d: Difference) -> str:
+    first = d.first_step
+    if first is None:
+        return f"**Equal bit for bit in all {d.steps} steps**, in everything that both logs have."
+    lines = []
+    if d.same_truth is False:
+        lines.append(f"**The truths differ** (from step {d.quantities['truth'].first}): these are different runs. Their mean errors can be compared, "
+                     "single nodes and steps can not, and distances of estimates say nothing.")
+    if not math.isnan(d.mean.value):
+        size = f"{abs(d.mean.value):.2g} dB"
+        if math.isnan(d.mean.low):
+            lines.append(f"{mine if d.mean.value < 0 else theirs} has the smaller error, by {size} on average; too few steps for an interval.")
+        elif d.mean.low <= 0.0 <= d.mean.high:
+            lines.append(f"**No clear difference** of the errors: {_interval(d)}.")
+        else:
+            lines.append(f"**{mine if d.mean.value < 0 else theirs} is better**, by {size} on average.")
+    before = [step for step in d.quantities.values() if step.first is not None and step.first == first]
+    start = "from their first step on" if any(q.differing == q.steps for q in before) else f"since step {first}"
+    lines.append(f"The logs are not equal bit for bit {start}.")
+    return " ".join(lines)
+
+
+def _interval(d: Difference) -> str:
+    mean = d.mean
+    if math.isnan(mean.value):
+        return "unknown"
+    if math.isnan(mean.low):
+        return f"{mean.value:+.3f} dB (too few steps for an interval)"
+    return f"{mean.value:+.3f} dB, 95 % interval {mean.low:+.3f} to {mean.high:+.3f} dB"
+
+
+def _extreme(d: Difference, extreme) -> str:
+    return f"{extreme.value:+.1f} dB, {d.pairing.name(extreme.pair)} at step {extreme.step}"
+
+
+def _percent(part: int, whole: int) -> str:
+    return f"{100.0 * part / whole:.1f} %" if whole else "unknown"
+
+
+def _differing(every: Sequence[tuple[str, Label, Header]]) -> str:
+    names = [label.text for _, label, _ in every]
+    rows = [("file", [name for name, _, _ in every]), *differing([header for _, _, header in every])]
+    lines = [f"| What differs | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
+    return "\n".join(lines + [f"| {name} | {' | '.join(values)} |" for name, values in rows])
+
+
+def _divergences(d: Difference, other: str) -> str:
+    """All quantities that both logs have, equal ones in one row."""
+    order = {key: place for place, key in enumerate(_NAMES)}
+    every = sorted(d.quantities.items(), key=lambda item: order.get(item[0], len(order)))
+    equal = [_name(key) for key, q in every if q.first is None]
+    lines = [f"| First difference{f' from {other}' if other else ''} | step | steps that differ | largest |", "|---|---|---|---|"]
+    for key, q in [(key, q) for key, q in every if q.first is not None][:_LARGEST_TABLE]:
+        where = f", {q.where}" if q.where else ""
+        lines.append(f"| {_name(key)} | {q.first}{where} | {_percent(q.differing, q.steps)} | {q.largest:.3g} |")
+    if equal:
+        lines.append(f"| equal: {', '.join(equal)} | none | 0 % | 0 |")
+    return "\n".join(lines)
+
+
+def _name(key: str) -> str:
+    return _NAMES.get(key, key.replace("_", " "))
+
+
+def _legend(mine: str, found: Sequence[Difference]) -> str:
+    of = "position error" if found[0].metres else "norm of (truth - estimate)"
+    return "\n".join([
+        "**How to read it**", "",
+        f"- Difference: error of {mine} less that of the other log, in dB (20 log10 of the {of}), of the same node in the same step. Below 0 (blue) "
+        f"{mine} is better, above 0 (orange) the other one. -6 dB is half of the error.",
+        "- The mean of the differences in dB weighs all steps alike; the RMS is mostly that of the largest errors. They need not have the same sign.",
+        "- The interval takes into account that neighbouring steps depend on each other (batch means).",
+        "- A gap: the error of one of them is 0 or unknown.",
+        "- Equal is bit for bit; of different precisions: the same number. What only one log has is not compared.",
+    ])
