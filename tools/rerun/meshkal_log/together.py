@@ -80,17 +80,23 @@ class Label:
     text: str  # in titles and legends
 
 
+_SHORT = {"loss": "loss {:g}", "real": "{}", "seed": "seed {}", "monitor": "monitor {}", "iterations": "{} iterations", "source": "{}"}
+
+
 def labels(headers: Sequence[Header]) -> list[Label]:
-    """By filter; of equal filters by what else differs, and their places in the order."""
+    """By filter; of equal filters by what else differs, from each other if there are two, else from the first one; or by their places in the order."""
     filters = [header.filter for header in headers]
     keys = [f if filters.count(f) == 1 else f"{f}-{i + 1}" for i, f in enumerate(filters)]
-    facts = {"loss": "loss {:g}", "real": "{}", "seed": "seed {}", "monitor": "monitor {}", "iterations": "{} iterations", "source": "{}"}
-    differing = [(key, text) for key, text in facts.items() if len({getattr(h, key) for h in headers}) > 1]
-    texts = [" ".join([h.filter, *(text.format(getattr(h, key) or "none" if key == "monitor" else getattr(h, key)) for key, text in differing)])
-             for h in headers]
-    if len(set(filters)) == len(filters):
-        texts = filters
+    texts = list(filters)
+    if len(set(filters)) < len(filters):
+        basis = headers[::-1] if len(headers) == 2 else [headers[0]] * len(headers)
+        texts = [" ".join([h.filter, *_apart(h, other)]) for h, other in zip(headers, basis)]
     return [Label(key, text if texts.count(text) == 1 else f"{text} ({i + 1})") for i, (key, text) in enumerate(zip(keys, texts))]
+
+
+def _apart(header: Header, other: Header) -> list[str]:
+    return [text.format(getattr(header, key) or (0 if key != "monitor" else "none")) for key, text in _SHORT.items()
+            if getattr(header, key) != getattr(other, key)]
 
 
 _FACTS = {

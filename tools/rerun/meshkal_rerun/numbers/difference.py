@@ -202,7 +202,8 @@ def _columns(key: str, first: Header, other: Header, pairing: Pairing) -> tuple 
         return None
     whole = len(pairing) == first.estimators == other.estimators
     if key in _OF_ESTIMATORS:
-        if not pairing.same_kind or mine // first.estimators != theirs // other.estimators:
+        # Of a centre and of a node only their estimates are of the same thing.
+        if not pairing.same_kind and key != "estimate" or mine // first.estimators != theirs // other.estimators:
             return None
         width = mine // first.estimators
         return (None, None, width, True) if whole else (_of(pairing.mine, width), _of(pairing.theirs, width), width, False)

@@ -13,6 +13,8 @@ from ..summary.agreement import AgreementSummary
 from . import colours
 from .series import Clock, Series
 
+# Lines that jump from step to step: more of them hide each other.
+NAMED = 3
 _COLOURS = {"readings": colours.MEDIAN, "estimates": colours.MESSAGE, "messages": colours.MESSAGE}
 
 
@@ -22,7 +24,7 @@ class AgreementRecorder:
     ) -> None:
         self._rec, self._series, self._clock = rec, series, clock
         self._header, self._scenario, self._palette = header, scenario, palette
-        self._named = [k for k in named if k in header.estimator_nodes]
+        self._named = [k for k in named if k in header.estimator_nodes][:NAMED]
         self._over_graph = numbers.OverGraph(header, scenario)
         self._summary = AgreementSummary(header, scenario)
 
@@ -34,7 +36,7 @@ class AgreementRecorder:
             lines(f"agreement/distance/node/{k}", times, values, names=f"node {k}", colors=self._palette.nodes[k], widths=1.2)
         for name, values, colour, width in (("largest", found.largest, colours.WORST, 1.5), ("median", found.median, colours.MEDIAN, 2.0),
                                             ("rms", found.rms, colours.SUMMARY, 2.5)):
-            lines(f"agreement/distance/network/{name}", times, values, names=name.replace("rms", "RMS"), colors=colour, widths=width)
+            lines(f"agreement/distance/over_nodes/{name}", times, values, names=name.replace("rms", "RMS"), colors=colour, widths=width)
         if found.mean_error is not None:
             lines("agreement/error/nodes", times, found.node_error, names="error of the nodes, RMS", colors=colours.SUMMARY, widths=2.5)
             lines("agreement/error/mean", times, found.mean_error, names="error of their mean", colors=colours.COMPARED["orange"], widths=2.0)
@@ -49,6 +51,7 @@ class AgreementRecorder:
         distances = self._over_graph.distances()
         known = np.isfinite(distances)
         if known.any():
-            away = 1.0 + np.flatnonzero(known)
-            self._rec.log("agreement/over_graph", rr.BarChart(distances[known], abscissa=away, color=colours.MEDIAN), static=True)
+            # A bar begins at its place.
+            bars = rr.BarChart(distances[known], abscissa=0.6 + np.flatnonzero(known), widths=np.full(int(known.sum()), 0.8), color=colours.MEDIAN)
+            self._rec.log("agreement/over_graph", bars, static=True)
         self._rec.log("agreement/summary", rr.TextDocument(self._summary.text(distances), media_type="text/markdown"), static=True)

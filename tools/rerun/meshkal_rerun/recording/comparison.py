@@ -17,11 +17,13 @@ from ..numbers import tracking
 from ..numbers.difference import Difference
 from ..summary import compare
 from . import colours
+from .agreement import NAMED
 from .difference_map import log_picture, picture
 from .scene import send_trail
 from .series import Clock, Series
 
 BAND = (0.05, 0.95)
+SHOWN_BETTER, OTHER_BETTER = 0x4C9BE8FF, 0xE69F00FF
 
 
 @dataclass(frozen=True)
@@ -121,15 +123,18 @@ class _Other:
         mean = found.mean_db
         if len(mean) > 1 and np.isfinite(mean).any():
             at = np.array(self._pairing.nodes, dtype=np.float64)
-            for who, name, wanted, colour in (("better", names[0], mean < 0.0, 0x4C9BE8FF), ("worse", names[1], mean > 0.0, 0xE69F00FF)):
+            for who, wanted, colour in (("better", mean < 0.0, SHOWN_BETTER), ("worse", mean > 0.0, OTHER_BETTER)):
                 if wanted.any():
-                    self._rec.log(f"compare/{key}/nodes/{who}", rr.BarChart(mean[wanted], abscissa=at[wanted], color=colour), static=True)
+                    # A bar begins at its place.
+                    bars = rr.BarChart(mean[wanted], abscissa=at[wanted] - 0.4, widths=np.full(int(wanted.sum()), 0.8), color=colour)
+                    self._rec.log(f"compare/{key}/nodes/{who}", bars, static=True)
 
     def _apart(self, times: list, both: numbers.Both) -> None:
         key, text, scenario = self.compared.label.key, self.compared.label.text, self._parent._scenario
         states = self._positions if numbers.in_metres(self._header, scenario) else None
         apart = derive.root_mean_square(numbers.distances(both.mine.estimate, both.theirs.estimate, self._pairing, states))
-        self._series.lines(f"compare/distance/{key}", times, derive.decibels(apart), names=f"to {text}", colors=self._colour, widths=2.0)
+        if self.compared.found.same_truth is not False:
+            self._series.lines(f"compare/distance/{key}", times, derive.decibels(apart), names=f"to {text}", colors=self._colour, widths=2.0)
         if numbers.in_metres(self._header, scenario):
             positions = positions_of(both.mine.estimate, self._positions).astype(np.float64)
             middle = tracking.middle(positions_of(both.theirs.estimate, self._positions))
@@ -146,14 +151,13 @@ class _Other:
         path = f"compare/{self.compared.label.key}/difference"
         self._series.lines(f"{path}/zero", times, np.zeros(len(apart)), names="equal", colors=colours.REFERENCE, widths=1.0)
         nodes = self._pairing.nodes
-        for k in self._parent._named:
-            if k in nodes:
-                self._series.lines(f"{path}/node/{k}", times, apart[:, nodes.index(k)], names=f"node {k}", colors=self._parent._palette.nodes[k], widths=1.2)
         if len(self._pairing) == 1:
-            if not nodes or nodes[0] not in self._parent._named:
-                self._series.lines(f"{path}/node/all", times, apart[:, 0], names=self._pairing.name(0), colors=colours.SUMMARY, widths=2.0)
+            self._series.lines(f"{path}/over_nodes/median", times, apart[:, 0], names=self._pairing.name(0), colors=colours.SUMMARY, widths=2.0)
             return
+        for k in [k for k in self._parent._named if k in nodes][:NAMED]:
+            self._series.lines(f"{path}/node/{k}", times, apart[:, nodes.index(k)], names=f"node {k}", colors=self._parent._palette.nodes[k], widths=1.0)
+        # The viewer draws in the order of names.
         low, median, high = numbers.quantiles(apart, (BAND[0], 0.5, BAND[1]))
-        for name, values, label in (("low", low, "5 % of nodes are below"), ("high", high, "95 % of nodes are below")):
-            self._series.lines(f"{path}/{name}", times, values, names=label, colors=colours.LIMIT, widths=2.0)
-        self._series.lines(f"{path}/median", times, median, names="median of nodes", colors=colours.SUMMARY, widths=2.5)
+        for name, values, label in (("high", high, "95 % of nodes"), ("low", low, "5 % of nodes")):
+            self._series.lines(f"{path}/over_nodes/{name}", times, values, names=label, colors=colours.LIMIT, widths=2.0)
+        self._series.lines(f"{path}/over_nodes/median", times, median, names="median", colors=colours.SUMMARY, widths=3.0)

@@ -10,7 +10,7 @@ _LEVELS = 16  # on each side of 0
 _UNKNOWN = 0
 # Dark in the middle, as the background is: what differs stands out. Blue and orange are told apart by the colour-blind, too.
 _STOPS = np.array([[150, 205, 255], [45, 120, 225], [24, 28, 34], [225, 115, 20], [255, 205, 130]], dtype=np.float64)
-_HEIGHT, _TALLEST_ROW, _SHAPE = 540, 90, 1.7
+_HEIGHT, _TALLEST_ROW, _SHAPE = 540, 90, 1.25
 _TICKS = 8
 
 
@@ -35,9 +35,8 @@ def picture(map_db: np.ndarray, nodes: tuple[int, ...], map_s: np.ndarray) -> Pi
     scale = _classes(np.linspace(reach, -reach, height)[:, None], reach)
     ids = np.concatenate([ids, np.full((height, strip), _UNKNOWN, dtype=np.uint8), np.repeat(scale, strip, axis=1)], axis=1)
     ticks = [(-0.03 * width, (i + 0.5) * tall, f"node {nodes[i]}" if n == 0 else str(nodes[i])) for n, i in enumerate(_spread(rows))] if nodes else []
-    first = map_s[0] if len(map_s) and abs(map_s[0]) >= 1e6 else 0.0
     below = height + 0.02 * max(height, width / _SHAPE)
-    ticks += [((i + 0.5) * wide, below, f"{'+' if first else ''}{map_s[i] - first:.4g} s") for i in _spread(bins, 6)]
+    ticks += [((i + 0.5) * wide, below, text) for i, text in _times(map_s)]
     at = width + 3.4 * strip
     ticks += [(at, (0.5 - 0.5 * part) * height, f"{part * reach:+.3g} dB" if part else "0") for part in (1.0, 0.5, 0.0, -0.5, -1.0)]
     return Picture(ids, reach, width, ticks)
@@ -73,6 +72,19 @@ def _classes(values: np.ndarray, reach: float) -> np.ndarray:
 def _colour(part: float) -> np.ndarray:
     """part: -1 to 1."""
     return np.rint([np.interp(part, np.linspace(-1.0, 1.0, len(_STOPS)), _STOPS[:, c]) for c in range(3)])
+
+
+def _times(map_s: np.ndarray, ticks: int = 6) -> list[tuple[int, str]]:
+    """Bins at round times, and these. Times that count from long ago are those since the first one."""
+    late = abs(map_s[0]) >= 1e6
+    seconds = map_s - map_s[0] if late else map_s
+    span = float(seconds[-1] - seconds[0])
+    if not 0.0 < span < np.inf:
+        return [(0, f"{seconds[0]:.4g} s")]
+    power = 10.0 ** np.floor(np.log10(span / ticks))
+    step = next(first * power for first in (1.0, 2.0, 5.0, 10.0, 20.0) if span <= ticks * first * power)
+    wanted = step * np.arange(np.ceil(seconds[0] / step - 1e-9), np.floor(seconds[-1] / step + 1e-9) + 1)
+    return [(int(np.abs(seconds - t).argmin()), f"{'+' if late else ''}{t:.4g} s") for t in wanted + 0.0]  # no -0
 
 
 def _spread(count: int, ticks: int = _TICKS) -> list[int]:

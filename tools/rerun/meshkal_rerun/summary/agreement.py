@@ -53,14 +53,13 @@ class AgreementSummary:
             rows.append(("RMS error of the nodes", self._value(rms[2])))
             rows.append(("RMS error of their mean", self._value(rms[1])))
             if rms[2] > 0.0:
-                rows.append(("share of the mean square error that is disagreement", f"{100.0 * min((rms[0] / rms[2]) ** 2, 1.0):.0f} %"))
+                rows.append(("disagreement's share of squared error", f"{100.0 * min((rms[0] / rms[2]) ** 2, 1.0):.0f} %"))
         for what, (total, count) in self._shares.items():
             rows.append((f"{what} of neighbours that arrived", f"{100.0 * total / count:.1f} %"))
         known = np.flatnonzero(np.isfinite(over_graph))
         if len(known) > 1:
             near, far = known[0], known[-1]
-            rows.append((f"RMS distance of two nodes, {near + 1} and {far + 1} links apart", f"{self._value(over_graph[near])} and "
-                         f"{self._value(over_graph[far])}"))
+            rows.append((f"distance {near + 1} and {far + 1} links apart", f"{self._value(over_graph[near])}, {self._value(over_graph[far])}"))
         return table("Agreement", rows) + "\n\n" + self._legend()
 
     def _value(self, value: float) -> str:

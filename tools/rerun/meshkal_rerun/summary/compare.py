@@ -8,7 +8,7 @@ import numpy as np
 
 from meshkal_log.fields import Header
 from meshkal_log.together import Label, differing
-from ..numbers.difference import Difference
+from ..numbers.difference import Difference, Divergence, Extreme
 from .linear import db, table
 
 _LARGEST_TABLE = 40
@@ -57,19 +57,23 @@ def _one(mine: str, theirs: str, d: Difference, *, several: bool) -> list[str]:
         for name, square in zip((mine, theirs), squares):
             value = f"{math.sqrt(square):.4g} m ({db(square)})" if d.metres else db(square)
             rows.append((f"RMS {unit}, {name}", value))
-        rows.append(("mean difference", _interval(d)))
-        share = f"{_percent(d.better, d.judged)} of nodes and steps" if len(d.pairing) > 1 else f"{_percent(d.better, d.judged)} of steps"
-        rows.append((f"{mine} is better in", share + (f", equal in {_percent(d.equal, d.judged)}" if d.equal else "")))
+    if known and d.equal < d.judged:
+        rows.append(("mean difference", _db(d.mean.value)))
+        if not math.isnan(d.mean.low):
+            rows.append(("its 95 % interval", f"{d.mean.low:+.2g} to {_db(d.mean.high)}"))
+        where = "nodes and steps" if len(d.pairing) > 1 else "steps"
+        rows.append((f"{where}, {mine} better", _percent(d.better, d.judged) + (f" (equal: {_percent(d.equal, d.judged)})" if d.equal else "")))
         mean = d.mean_db
         if len(mean) > 1 and np.isfinite(mean).any():
             low, high = int(np.nanargmin(mean)), int(np.nanargmax(mean))
-            rows.append(("nodes with the lowest and highest mean", f"{d.pairing.name(low)}: {mean[low]:+.2f} dB, {d.pairing.name(high)}: {mean[high]:+.2f} dB"))
+            for name, pair in (("lowest", low), ("highest", high)):
+                rows.append((f"{name} mean of a node", f"{_db(mean[pair])}, {d.pairing.name(pair)}"))
         if d.worst is not None:
             rows.append(("largest difference", _extreme(d, d.worst)))
             rows.append(("smallest difference", _extreme(d, d.best)))
-    else:
+    if not known:
         rows.append((unit, "not known in both logs"))
-    if d.apart_known:
+    if d.apart_known and d.same_truth is not False:
         unit = " m" if d.metres else ""
         rows.append(("RMS distance of the estimates", f"{math.sqrt(d.apart_squares / d.apart_known):.3g}{unit}"))
         rows.append(("largest distance", f"{d.farthest.value:.3g}{unit}, {d.pairing.name(d.farthest.pair)} at step {d.farthest.step}"))
@@ -91,26 +95,20 @@ def _verdict(mine: str, theirs: str, d: Difference) -> str:
         if math.isnan(d.mean.low):
             lines.append(f"{mine if d.mean.value < 0 else theirs} has the smaller error, by {size} on average; too few steps for an interval.")
         elif d.mean.low <= 0.0 <= d.mean.high:
-            lines.append(f"**No clear difference** of the errors: {_interval(d)}.")
+            lines.append(f"**No clear difference** of the errors: {_db(d.mean.value)}, 95 % interval {d.mean.low:+.2g} to {_db(d.mean.high)}.")
         else:
             lines.append(f"**{mine if d.mean.value < 0 else theirs} is better**, by {size} on average.")
-    before = [step for step in d.quantities.values() if step.first is not None and step.first == first]
-    start = "from their first step on" if any(q.differing == q.steps for q in before) else f"since step {first}"
-    lines.append(f"The logs are not equal bit for bit {start}.")
+    what = [_name(key) for key, q in _ordered(d) if q.first == first]
+    lines.append(f"The first difference is in step {first}: {', '.join(what[:3])}{', ..' if len(what) > 3 else ''}.")
     return " ".join(lines)
 
 
-def _interval(d: Difference) -> str:
-    mean = d.mean
-    if math.isnan(mean.value):
-        return "unknown"
-    if math.isnan(mean.low):
-        return f"{mean.value:+.3f} dB (too few steps for an interval)"
-    return f"{mean.value:+.3f} dB, 95 % interval {mean.low:+.3f} to {mean.high:+.3f} dB"
+def _db(value: float) -> str:
+    return f"{value:+.2g} dB" if abs(value) < 9.95 else f"{value:+.1f} dB"
 
 
-def _extreme(d: Difference, extreme) -> str:
-    return f"{extreme.value:+.1f} dB, {d.pairing.name(extreme.pair)} at step {extreme.step}"
+def _extreme(d: Difference, extreme: Extreme) -> str:
+    return f"{_db(extreme.value)}, {d.pairing.name(extreme.pair)} at step {extreme.step}"
 
 
 def _percent(part: int, whole: int) -> str:
@@ -126,16 +124,19 @@ def _differing(every: Sequence[tuple[str, Label, Header]]) -> str:
 
 def _divergences(d: Difference, other: str) -> str:
     """All quantities that both logs have, equal ones in one row."""
-    order = {key: place for place, key in enumerate(_NAMES)}
-    every = sorted(d.quantities.items(), key=lambda item: order.get(item[0], len(order)))
+    every = _ordered(d)
     equal = [_name(key) for key, q in every if q.first is None]
-    lines = [f"| First difference{f' from {other}' if other else ''} | step | steps that differ | largest |", "|---|---|---|---|"]
+    lines = [f"| Differs{f' from {other}' if other else ''} | first at step | of steps | largest |", "|---|---|---|---|"]
     for key, q in [(key, q) for key, q in every if q.first is not None][:_LARGEST_TABLE]:
         where = f", {q.where}" if q.where else ""
         lines.append(f"| {_name(key)} | {q.first}{where} | {_percent(q.differing, q.steps)} | {q.largest:.3g} |")
-    if equal:
-        lines.append(f"| equal: {', '.join(equal)} | none | 0 % | 0 |")
-    return "\n".join(lines)
+    table = "\n".join(lines) if len(lines) > 2 else ""
+    return "\n\n".join([table, *([f"Equal{f' to those of {other}' if other else ''}: {', '.join(equal)}."] if equal else [])])
+
+
+def _ordered(d: Difference) -> list[tuple[str, Divergence]]:
+    order = {key: place for place, key in enumerate(_NAMES)}
+    return sorted(d.quantities.items(), key=lambda item: order.get(item[0], len(order)))
 
 
 def _name(key: str) -> str:
@@ -150,6 +151,7 @@ def _legend(mine: str, found: Sequence[Difference]) -> str:
         f"{mine} is better, above 0 (orange) the other one. -6 dB is half of the error.",
         "- The mean of the differences in dB weighs all steps alike; the RMS is mostly that of the largest errors. They need not have the same sign.",
         "- The interval takes into account that neighbouring steps depend on each other (batch means).",
+        *(["- A centre stands beside each node."] if not all(d.pairing.same_kind for d in found) else []),
         "- A gap: the error of one of them is 0 or unknown.",
         "- Equal is bit for bit; of different precisions: the same number. What only one log has is not compared.",
     ])

@@ -20,13 +20,14 @@ def tab(header: Header, shown: Label, compared: Sequence[tuple[Label, Difference
     if has_error:
         left.append(series("compare/rms", f"{'Position error' if metres else 'Error'}, RMS over the nodes, {unit}", ["$origin/**"], legend=True))
         left.append(_tabs([_difference(shown, *other) for other in compared if other[1].judged]))
-    runs = "; the truths differ, so this says nothing" if any(found.same_truth is False for _, found in compared) else ""
-    left.append(series("compare/distance", f"RMS distance of the estimates, {unit}; a gap: 0{runs}", ["$origin/**"], legend=True))
+    # Estimates of different truths have nothing to do with each other.
+    if any(found.same_truth is not False for _, found in compared):
+        left.append(series("compare/distance", f"RMS distance of the estimates, {unit}; a gap: 0", ["$origin/**"], legend=True))
     pictures = [_pictures(shown, *other) for other in compared if other[1].map_db.size]
     columns = [rrb.Vertical(*left, row_shares=[3, 4, 3][: len(left)])]
     columns += [_tabs(pictures)] if pictures else []
     columns.append(rrb.TextDocumentView(origin="compare/summary", name="Comparison"))
-    return rrb.Horizontal(*columns, column_shares=[5, 5, 4][-len(columns) :] if len(columns) < 3 else [5, 5, 4], name="Compare")
+    return rrb.Horizontal(*columns, column_shares=[5, 5, 4][3 - len(columns) :], name="Compare")
 
 
 def _tabs(views: list):
@@ -35,8 +36,7 @@ def _tabs(views: list):
 
 def _difference(shown: Label, other: Label, found: Difference) -> rrb.View:
     several = len(found.pairing) > 1
-    lines = ", white: median of the nodes, grey: 5 and 95 % of them" if several else ""
-    name = f"{shown.text} less {other.text}, dB: below 0 {shown.text} is better{lines}"
+    name = f"{shown.text} less {other.text}, dB" + (", each node" if several else "") + f"; below 0: {shown.text} better"
     return series(f"compare/{other.key}/difference", name, ["$origin/**"], legend=True, axis=_axis(found))
 
 
@@ -52,11 +52,12 @@ def _axis(found: Difference) -> rrb.ScalarAxis | None:
 def _pictures(shown: Label, other: Label, found: Difference) -> rrb.View | rrb.Vertical:
     made = picture(found.map_db, found.pairing.nodes, found.map_s)
     height, width = made.ids.shape
-    bounds = rrb.VisualBounds2D(x_range=(-0.1 * width, 1.12 * width), y_range=(-0.06 * height, 1.14 * height))
-    name = f"Difference by node (down) and time (right): blue {shown.text} better, orange {other.text} better, hover for dB"
+    differs = found.equal < found.judged
+    bounds = rrb.VisualBounds2D(x_range=(-0.12 * width, 1.13 * width), y_range=(-0.05 * height, 1.12 * height))
+    name = f"Nodes over time, blue: {shown.text} better, orange: {other.text}; " + (f"scale to {made.reach_db:.3g} dB" if differs else "no difference")
     image = rrb.Spatial2DView(origin=f"compare/{other.key}/map", name=name, visual_bounds=bounds, background=[13, 16, 17])
-    if len(found.pairing) < 2:
+    if len(found.pairing) < 2 or not differs:
         return image
-    title = f"Mean difference by node number, dB: below 0 {shown.text} better, above 0 {other.text} better"
+    title = f"Mean difference by node number, dB; above 0: {other.text} better"
     bars = rrb.BarChartView(origin=f"compare/{other.key}/nodes", name=title, plot_legend=rrb.PlotLegend(visible=False))
     return rrb.Vertical(image, bars, row_shares=[3, 2], name=f"against {other.text}")

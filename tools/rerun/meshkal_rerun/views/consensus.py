@@ -16,15 +16,16 @@ def tab(header: Header, scenario: Scenario, first: Batch) -> rrb.Horizontal:
         left.append(series("disagreement", "Disagreement: largest distance of two estimates, m", ["$origin/positions"]))
     if first.consensus_disagreement is not None and header.iterations:
         left.append(consensus(header))
-    middle = []
+    beside, middle = len(left) > 1, []
     if first.truth is not None:
         middle.append(series("agreement/error", f"Agreement is not correctness: error of the nodes and of their mean{unit}", ["$origin/**"], legend=True))
     if any(len(slots) > 1 for slots in header.slots):
         arrived = rrb.ScalarAxis(range=(-3.0, 103.0))
-        middle.append(series("agreement/arrived", "Messages of neighbours that arrived, %", ["$origin/**"], legend=True, axis=arrived))
+        messages = series("agreement/arrived", "Messages of neighbours that arrived, %", ["$origin/**"], legend=True, axis=arrived)
+        (middle if beside else left).append(messages)
         name = f"RMS distance of two nodes{unit}, by the number of links between them"
         middle.append(rrb.BarChartView(origin="agreement/over_graph", name=name, plot_legend=rrb.PlotLegend(visible=False)))
-    columns = [rrb.Vertical(*left)]
+    columns = [rrb.Vertical(*left, row_shares=[5, 3, 3][: len(left)])]
     columns += [rrb.Vertical(*middle)] if middle else []
     columns.append(rrb.TextDocumentView(origin="agreement/summary", name="Agreement"))
     return rrb.Horizontal(*columns, column_shares=[5] * (len(columns) - 1) + [4], name="Consensus")
