@@ -282,8 +282,11 @@ def without(data, *keys):
     return [{k: v for k, v in item.items() if k not in keys} for item in log(data)[1]]
 
 
+UNKNOWN = ("truth", "measurements", "innovation", "innovation_variance")  # may be NaN
+
+
 def same(a, b):
-    return len(a) == len(b) and all(x.keys() == y.keys() and all(np.array_equal(x[k], y[k], equal_nan=k in ("truth", "measurements"))
+    return len(a) == len(b) and all(x.keys() == y.keys() and all(np.array_equal(x[k], y[k], equal_nan=k in UNKNOWN)
                                                                    for k in x) for x, y in zip(a, b))
 
 

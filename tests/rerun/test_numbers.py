@@ -87,8 +87,7 @@ def test_states_and_measurements(made):
 
 
 def test_measurements_of_several_rows(tmp_path):
-    log = Log(nodes=3, steps=4)
-    log.header["rows"] = [3, 0, 2]
+    log = Log(nodes=3, steps=4, rows=(3, 0, 2))
     y = np.arange(20.0).reshape(1, 4, 5)
     log.arrays["measurements"] = y
     recording, _ = convert(log.data(), tmp_path / "run.rrd")

@@ -26,10 +26,9 @@ int mk_runner_watches(const mk_runner_t *r) { return r->c->monitor.scheme != MK_
 /* A centre's own sensors are all, a node's is one. */
 static void open_snapshot(mk_runner_t *r) {
     const mk_scenario_t *s = r->c->scenario;
-    const int E = r->topology->estimators;
+    const int E = r->topology->estimators, all = r->source->row_first[s->nodes];
     r->own_first = mk_allocate((size_t)E + 1, sizeof *r->own_first);
-    for (int e = 0; e < E; e++)
-        r->own_first[e + 1] = r->own_first[e] + (r->c->filter->central ? r->source->row_first[s->nodes] : s->sensor[mk_topology_id(r->topology, e)].rows);
+    for (int e = 0; e < E; e++) r->own_first[e + 1] = r->own_first[e] + (r->c->filter->central ? all : s->sensor[mk_topology_id(r->topology, e)].rows);
     r->snapshot = mk_snapshot_make(r->c->network, E, s, r->own_first);
 }
 

@@ -13,7 +13,6 @@ SAME = ("scenario_sha256", "filter", "real", "dt_s", "source", "monitor", "monit
 # What holds one number or more of each slot, of each estimator, and of each row of its own sensor. The optional ones some of the logs may lack.
 _SLOTS = ("measurements_arrived", "estimates_arrived")
 _EACH = ("estimate", "variance", "trace_covariance", "position_covariance", "theta", "tolerance", "nis", "nis_rows", "faults")
-
 _OWN = ("innovation", "innovation_variance")
 _OPTIONAL = ("variance", *_OWN)
 
@@ -70,7 +69,8 @@ class JoinedReader(LogReader):
     def _together(self, run: int, step: int, parts: list, absent: set[str]) -> dict:
         item: dict = {"run": run, "step": step}
         sizes = lengths(self.header)
-        of_slots, of_estimators, own = ([key for key in keys if key not in absent] for keys in (_of_slots(self.header), _of_estimators(self.header), _OWN))
+        groups = (_of_slots(self.header), _of_estimators(self.header), _OWN)
+        of_slots, of_estimators, own = ([key for key in keys if key not in absent] for keys in groups)
         rows = np.concatenate(([0], np.cumsum(self.header.own_rows)))
         for key in ("measurements", *of_slots, *of_estimators, *own):
             dtype, length = sizes[key]
