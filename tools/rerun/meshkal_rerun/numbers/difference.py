@@ -32,7 +32,7 @@ class Divergence:
     first: int | None = None  # step
     where: str = ""  # of the first, who differs
     largest: float = 0.0  # difference of two finite numbers
-    whole: bool = True  # compared of all estimators
+    unknown: bool = False  # where they differ, one of them is not finite
 
 
 @dataclass(frozen=True)
@@ -129,12 +129,12 @@ class Differences:
         return out
 
     def _equality(self, both: Both) -> None:
-        for key, (mine, theirs, width, whole) in self._columns.items():
+        for key, (mine, theirs, width) in self._columns.items():
             a, b = getattr(both.mine, key), getattr(both.theirs, key)
             if a is None or b is None:
                 continue
             a, b = (_flat(values, of) for values, of in ((a, mine), (b, theirs)))
-            record = self._out.quantities.setdefault(key, Divergence(whole=whole))
+            record = self._out.quantities.setdefault(key, Divergence())
             record.steps += len(a)
             differs = _differs(a, b)
             rows = np.flatnonzero(differs.any(axis=1))
@@ -146,7 +146,9 @@ class Differences:
                 record.where = self._where(np.flatnonzero(differs[rows[0]]), width)
             with np.errstate(invalid="ignore", over="ignore"):
                 sizes = np.abs(a[rows].astype(np.float64) - b[rows].astype(np.float64))
-            sizes = sizes[np.isfinite(sizes)]
+            finite = np.isfinite(sizes)
+            record.unknown |= bool((~finite & differs[rows]).any())
+            sizes = sizes[finite]
             record.largest = max(record.largest, float(sizes.max())) if len(sizes) else record.largest
 
     def _where(self, columns: np.ndarray, width: int) -> str:
@@ -195,8 +197,8 @@ class Differences:
 
 
 def _columns(key: str, first: Header, other: Header, pairing: Pairing) -> tuple | None:
-    """Which numbers of a quantity stand side by side in both logs (None: all), how many belong to a pair, and whether these are all of them. None if
-    the logs have not the same of it."""
+    """Which numbers of a quantity stand side by side in both logs (None: all), and how many belong to a pair (0: not told). None if the logs have not
+    the same of it."""
     mine, theirs = lengths(first)[key][1], lengths(other).get(key, (None, -1))[1]
     if theirs < 0 or not mine or not theirs:
         return None
@@ -206,21 +208,21 @@ def _columns(key: str, first: Header, other: Header, pairing: Pairing) -> tuple 
         if not pairing.same_kind and key != "estimate" or mine // first.estimators != theirs // other.estimators:
             return None
         width = mine // first.estimators
-        return (None, None, width, True) if whole else (_of(pairing.mine, width), _of(pairing.theirs, width), width, False)
+        return (None, None, width) if whole else (_of(pairing.mine, width), _of(pairing.theirs, width), width)
     if key in _OF_SLOTS:
         if not pairing.same_kind:
             return None
         if first.slots == other.slots:
-            return None, None, 0, True
+            return None, None, 0
         same = [i for i, (a, b) in enumerate(zip(pairing.mine, pairing.theirs)) if first.slots[a] == other.slots[b]]
         if not same:
             return None
         own = [np.concatenate([h.slot_starts[at[i]] + np.arange(len(h.slots[at[i]])) for i in same])
                for h, at in ((first, pairing.mine), (other, pairing.theirs))]
-        return *own, 0, False
+        return *own, 0
     if key in _OF_OWN_SENSORS and not (pairing.same_kind and whole):
         return None
-    return (None, None, 0, True) if mine == theirs else None
+    return (None, None, 0) if mine == theirs else None
 
 
 def _of(estimators: np.ndarray, width: int) -> np.ndarray:

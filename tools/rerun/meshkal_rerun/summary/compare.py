@@ -129,7 +129,8 @@ def _divergences(d: Difference, other: str) -> str:
     lines = [f"| Differs{f' from {other}' if other else ''} | first at step | of steps | largest |", "|---|---|---|---|"]
     for key, q in [(key, q) for key, q in every if q.first is not None][:_LARGEST_TABLE]:
         where = f", {q.where}" if q.where else ""
-        lines.append(f"| {_name(key)} | {q.first}{where} | {_percent(q.differing, q.steps)} | {q.largest:.3g} |")
+        largest = "unknown in one" if q.unknown and not q.largest else f"{q.largest:.3g}"
+        lines.append(f"| {_name(key)} | {q.first}{where} | {_percent(q.differing, q.steps)} | {largest} |")
     table = "\n".join(lines) if len(lines) > 2 else ""
     return "\n\n".join([table, *([f"Equal{f' to those of {other}' if other else ''}: {', '.join(equal)}."] if equal else [])])
 
