@@ -49,6 +49,12 @@ def test_two_runs_of_one_node_are_compared(show):
     assert "The first difference is in step 7: theta." in said(recording)
 
 
+def test_only_a_running_node_goes_on_in_another_log(show):
+    items = Log(5).items()
+    recording, text = show(b"".join(items[:6]), b"".join([items[0], *items[6:]]))
+    assert recording is None and "no step of run 0 in common" in text
+
+
 def test_all_logs_of_the_same_filter_are_compared(show):
     recording, _ = show(Log(5), Log(5, real="float32"), Log(5))
     assert recording.rows("compare/summary", "TextDocument:text", static=True)[2][0][0].count("## against") == 2
