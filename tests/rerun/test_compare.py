@@ -366,3 +366,43 @@ def test_quantiles_are_those_of_numpy():
     got = quantiles(values, (0.05, 0.5, 0.95))
     np.testing.assert_allclose(got[:, known], np.nanpercentile(values[known], [5, 50, 95], axis=1), rtol=1e-12)
     assert np.isnan(got[:, 4]).all()
+
+
+def test_lines_of_nodes_in_long_runs_are_means(compare):
+    recording, (a, b) = compare(*pair(nodes=3, steps=502))
+    apart = db(a["error"]) - db(b["error"])
+    steps, _, values = recording.rows("compare/kfd/difference/node/1", "Scalars:scalars")
+    assert steps.tolist() == [*range(3, 500, 4), 501]
+    wanted = [*apart[:500, 1].reshape(125, 4).mean(axis=1), apart[500:, 1].mean()]
+    np.testing.assert_allclose(np.array(values)[:, 0], wanted, rtol=1e-9, atol=1e-12)
+    assert recording.rows("compare/kfd/difference/node/1", "SeriesLines:names", static=True)[2] == [["node 1, mean of 4 steps"]]
+
+
+def test_means_over_batches():
+    """Blocks that begin in one batch and end in another."""
+    from meshkal_rerun.recording.smooth import Smoothed
+
+    sent = []
+
+    class Series:
+        def lines(self, path, times, values, **style):
+            sent.extend(zip(times, values))
+
+    class Clock:
+        def times(self, batch, at):
+            return batch[at]
+
+    smooth = Smoothed(Series(), Clock(), steps=480)
+    values = np.arange(23.0)
+    for part in np.split(values, [1, 2, 9, 10, 22]):
+        smooth.line("a", part, part)
+    smooth.finish()
+    assert sent == [(3.0, 1.5), (7.0, 5.5), (11.0, 9.5), (15.0, 13.5), (19.0, 17.5), (22.0, 21.0)]
+
+
+def test_what_only_one_log_has_is_said(compare):
+    second = Log(4, 20)
+    for key in ("variance", "innovation", "innovation_variance"):
+        del second.arrays[key]
+    said = text(compare(Log(4, 20), second)[0])
+    assert "Equal bit for bit" in said and "Only in rkfdu (1): innovations, variances, variances of innovations." in said

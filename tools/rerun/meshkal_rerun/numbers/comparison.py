@@ -32,7 +32,7 @@ class Pairing:
         return len(self.mine)
 
     def name(self, pair: int) -> str:
-        return f"node {self.nodes[pair]}" if self.nodes else "centre"
+        return f"node {self.nodes[pair]}" if self.nodes else "the centre"
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,7 @@ class Difference:
     pairing: Pairing
     metres: bool
     quantities: dict[str, Divergence] = field(default_factory=dict)
+    alone: tuple[set[str], set[str]] = field(default_factory=lambda: (set(), set()))  # quantities that only the shown log has, and only the other
     steps: int = 0
     only_mine: int = 0
     only_theirs: int = 0
@@ -132,6 +133,9 @@ class Differences:
         for key, (mine, theirs, width) in self._columns.items():
             a, b = getattr(both.mine, key), getattr(both.theirs, key)
             if a is None or b is None:
+                for values, alone in zip((a, b), self._out.alone):
+                    if values is not None:
+                        alone.add(key)
                 continue
             a, b = (_flat(values, of) for values, of in ((a, mine), (b, theirs)))
             record = self._out.quantities.setdefault(key, Divergence())
@@ -153,7 +157,7 @@ class Differences:
 
     def _where(self, columns: np.ndarray, width: int) -> str:
         """width: of the columns of a pair, 0 where they are of the network."""
-        if not width:
+        if not width or len(self._pairing) == 1:
             return ""
         pairs = np.unique(columns // width)
         return self._pairing.name(int(pairs[0])) if len(pairs) == 1 else f"{len(pairs)} of {len(self._pairing)} nodes"

@@ -12,6 +12,7 @@ from ..numbers import agreement as numbers
 from ..summary.agreement import AgreementSummary
 from . import colours
 from .series import Clock, Series
+from .smooth import Smoothed
 
 # Lines that jump from step to step: more of them hide each other.
 NAMED = 3
@@ -20,11 +21,14 @@ _COLOURS = {"readings": colours.MEDIAN, "estimates": colours.MESSAGE, "messages"
 
 class AgreementRecorder:
     def __init__(
-        self, rec: rr.RecordingStream, series: Series, clock: Clock, header: Header, scenario: Scenario, palette: colours.Palette, named: Sequence[int]
+        self, rec: rr.RecordingStream, series: Series, clock: Clock, header: Header, scenario: Scenario, palette: colours.Palette, named: Sequence[int],
+        steps: int,
     ) -> None:
+        """steps: of the run, 0 if nobody knows."""
         self._rec, self._series, self._clock = rec, series, clock
         self._header, self._scenario, self._palette = header, scenario, palette
         self._named = [k for k in named if k in header.estimator_nodes][:NAMED]
+        self._smooth = Smoothed(series, clock, steps)
         self._over_graph = numbers.OverGraph(header, scenario)
         self._summary = AgreementSummary(header, scenario)
 
@@ -33,7 +37,8 @@ class AgreementRecorder:
         lines = self._series.lines
         for k in self._named:
             values = found.distance[:, self._header.estimator_nodes.index(k)]
-            lines(f"agreement/distance/node/{k}", times, values, names=f"node {k}", colors=self._palette.nodes[k], widths=1.2)
+            style = {"names": f"node {k}{self._smooth.said}", "colors": self._palette.nodes[k], "widths": 1.2}
+            self._smooth.line(f"agreement/distance/node/{k}", batch, values, **style)
         for name, values, colour, width in (("largest", found.largest, colours.WORST, 1.5), ("median", found.median, colours.MEDIAN, 2.0),
                                             ("rms", found.rms, colours.SUMMARY, 2.5)):
             lines(f"agreement/distance/over_nodes/{name}", times, values, names=name.replace("rms", "RMS"), colors=colour, widths=width)
@@ -48,6 +53,7 @@ class AgreementRecorder:
         self._summary.batch(batch, found, shares)
 
     def finish(self) -> None:
+        self._smooth.finish()
         distances = self._over_graph.distances()
         known = np.isfinite(distances)
         if known.any():

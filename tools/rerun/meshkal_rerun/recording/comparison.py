@@ -21,8 +21,11 @@ from .agreement import NAMED
 from .difference_map import log_picture, picture
 from .scene import send_trail
 from .series import Clock, Series
+from .smooth import Smoothed
 
 BAND = (0.05, 0.95)
+# Bars of more nodes touch each other.
+_GAPS = 100
 SHOWN_BETTER, OTHER_BETTER = 0x4C9BE8FF, 0xE69F00FF
 
 
@@ -84,6 +87,7 @@ class _Other:
         self._pairing = compared.found.pairing
         self._trail = np.zeros((0, 3), dtype=np.float32)
         self._positions = parent._scenario.position_states
+        self._smooth = Smoothed(self._series, parent._clock, compared.found.steps)
         self._beside = numbers.Beside(parent._header, self._header, self._own(run))
 
     def _own(self, run: int) -> Iterator[Batch]:
@@ -116,9 +120,10 @@ class _Other:
 
     def finish(self) -> None:
         self._beside.finish()
+        self._smooth.finish()
         found, key = self.compared.found, self.compared.label.key
         names = self._parent._label.text, self.compared.label.text
-        if found.map_db.size:
+        if len(found.map_db) > 1:
             log_picture(self._rec, f"compare/{key}/map", picture(found.map_db, self._pairing.nodes, found.map_s), names)
         mean = found.mean_db
         if len(mean) > 1 and np.isfinite(mean).any():
@@ -126,7 +131,8 @@ class _Other:
             for who, wanted, colour in (("better", mean < 0.0, SHOWN_BETTER), ("worse", mean > 0.0, OTHER_BETTER)):
                 if wanted.any():
                     # A bar begins at its place.
-                    bars = rr.BarChart(mean[wanted], abscissa=at[wanted] - 0.4, widths=np.full(int(wanted.sum()), 0.8), color=colour)
+                    width = 0.8 if len(mean) <= _GAPS else 1.0
+                    bars = rr.BarChart(mean[wanted], abscissa=at[wanted] - width / 2, widths=np.full(int(wanted.sum()), width), color=colour)
                     self._rec.log(f"compare/{key}/nodes/{who}", bars, static=True)
 
     def _apart(self, times: list, both: numbers.Both) -> None:
@@ -155,7 +161,8 @@ class _Other:
             self._series.lines(f"{path}/over_nodes/median", times, apart[:, 0], names=self._pairing.name(0), colors=colours.SUMMARY, widths=2.0)
             return
         for k in [k for k in self._parent._named if k in nodes][:NAMED]:
-            self._series.lines(f"{path}/node/{k}", times, apart[:, nodes.index(k)], names=f"node {k}", colors=self._parent._palette.nodes[k], widths=1.0)
+            style = {"names": f"node {k}{self._smooth.said}", "colors": self._parent._palette.nodes[k], "widths": 1.2}
+            self._smooth.line(f"{path}/node/{k}", both.mine, apart[:, nodes.index(k)], **style)
         # The viewer draws in the order of names.
         low, median, high = numbers.quantiles(apart, (BAND[0], 0.5, BAND[1]))
         for name, values, label in (("high", high, "95 % of nodes"), ("low", low, "5 % of nodes")):

@@ -91,7 +91,8 @@ class Recorder:
         # The links of satellites to one receiver say nothing; the sky does.
         self._graph = None if header.navigation else NetworkGraph(rec, header, scenario, found.shade_range_db)
         agrees = agreement.applies(header)
-        self._agreement = AgreementRecorder(rec, self._series, self._clock, header, scenario, self._palette, named) if agrees else None
+        agreement_of = (rec, self._series, self._clock, header, scenario, self._palette, named, found.steps)
+        self._agreement = AgreementRecorder(*agreement_of) if agrees else None
         self._story = Story(header)
         self._integrity = IntegrityRecorder(self._series, self._clock, header, scenario, self._palette, self._names, paths)
         self._marks = IntegrityMarks(rec, self._clock, header, scenario) if header.monitor and self._graph else None

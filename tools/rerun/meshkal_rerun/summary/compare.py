@@ -17,7 +17,8 @@ _NAMES = {
     "truth": "truth", "measurements": "readings", "measurements_arrived": "readings that arrived", "estimates_arrived": "estimates that arrived",
     "messages_arrived": "messages that arrived", "estimate": "estimates", "error": "errors", "variance": "variances",
     "trace_covariance": "trace of the covariance", "position_covariance": "covariance of the position", "theta": "theta", "tolerance": "tolerance",
-    "nis": "NIS", "nis_rows": "NIS, rows", "nees": "NEES", "faults": "faults of nodes", "fault": "faults of sensors",
+    "nis": "NIS", "nis_rows": "rows of NIS", "nees": "NEES", "faults": "faults of nodes", "fault": "faults of sensors",
+    "innovation": "innovations", "innovation_variance": "variances of innovations", "time_s": "times", "azimuth_deg": "azimuths", "elevation_deg": "elevations",
 }
 
 
@@ -29,7 +30,7 @@ def text(shown: tuple[str, Label, Header], others: Sequence[tuple[str, Label, He
     every = [shown, *others]
     parts.append(_differing(every))
     for other, difference in zip(others, found):
-        parts.append(_divergences(difference, other[1].text if len(others) > 1 else ""))
+        parts.append(_divergences(difference, shown[1].text, other[1].text, several=len(others) > 1))
     return "\n\n".join([*parts, _legend(shown[1].text, found)])
 
 
@@ -76,7 +77,7 @@ def _one(mine: str, theirs: str, d: Difference, *, several: bool) -> list[str]:
     if d.apart_known and d.same_truth is not False:
         unit = " m" if d.metres else ""
         rows.append(("RMS distance of the estimates", f"{math.sqrt(d.apart_squares / d.apart_known):.3g}{unit}"))
-        rows.append(("largest distance", f"{d.farthest.value:.3g}{unit}, {d.pairing.name(d.farthest.pair)} at step {d.farthest.step}"))
+        rows.append(("largest distance", f"{d.farthest.value:.3g}{unit}{_where(d, d.farthest)}"))
     alone = "".join(f", {count} only in {name}" for count, name in ((d.only_mine, mine), (d.only_theirs, theirs)) if count)
     rows.append(("steps compared", f"{d.steps}{alone}"))
     return [*parts, table(f"{mine} less {theirs}", rows)]
@@ -108,7 +109,11 @@ def _db(value: float) -> str:
 
 
 def _extreme(d: Difference, extreme: Extreme) -> str:
-    return f"{_db(extreme.value)}, {d.pairing.name(extreme.pair)} at step {extreme.step}"
+    return f"{_db(extreme.value)}{_where(d, extreme)}"
+
+
+def _where(d: Difference, extreme: Extreme) -> str:
+    return f"{f', {d.pairing.name(extreme.pair)}' if len(d.pairing) > 1 else ''} at step {extreme.step}"
 
 
 def _percent(part: int, whole: int) -> str:
@@ -122,8 +127,9 @@ def _differing(every: Sequence[tuple[str, Label, Header]]) -> str:
     return "\n".join(lines + [f"| {name} | {' | '.join(values)} |" for name, values in rows])
 
 
-def _divergences(d: Difference, other: str) -> str:
-    """All quantities that both logs have, equal ones in one row."""
+def _divergences(d: Difference, mine: str, theirs: str, *, several: bool) -> str:
+    """All quantities that both logs have, equal ones in one line, and those that only one has."""
+    other = theirs if several else ""
     every = _ordered(d)
     equal = [_name(key) for key, q in every if q.first is None]
     lines = [f"| Differs{f' from {other}' if other else ''} | first at step | of steps | largest |", "|---|---|---|---|"]
@@ -132,7 +138,8 @@ def _divergences(d: Difference, other: str) -> str:
         largest = "unknown in one" if q.unknown and not q.largest else f"{q.largest:.3g}"
         lines.append(f"| {_name(key)} | {q.first}{where} | {_percent(q.differing, q.steps)} | {largest} |")
     table = "\n".join(lines) if len(lines) > 2 else ""
-    return "\n\n".join([table, *([f"Equal{f' to those of {other}' if other else ''}: {', '.join(equal)}."] if equal else [])])
+    alone = [f"Only in {name}: {', '.join(sorted(map(_name, keys)))}." for name, keys in zip((mine, theirs), d.alone) if keys]
+    return "\n\n".join([table, *([f"Equal{f' to those of {other}' if other else ''}: {', '.join(equal)}."] if equal else []), *alone])
 
 
 def _ordered(d: Difference) -> list[tuple[str, Divergence]]:
