@@ -186,11 +186,16 @@ def test_held_sensors_are_marked_in_graph_and_scene(tmp_path):
     excluded[0, 15, [i for i, e, node in heard(log) if node == 5 == e]] = 1
     log.arrays["excluded"] = excluded
     recording, _ = convert(log.data(), tmp_path / "run.rrd")
-    steps, _, labels = recording.rows("network/held_faulty", "GraphNodes:labels")
+    steps, _, labels = recording.rows("network/held_faulty", "Points2D:labels")
     some, half, every = (f"\u00d7 faulty at {k} of 5" for k in (2, 3, 5))
     assert steps.tolist() == [12, 13, 14, 15, 16, 20]
     assert labels == [[some], [half], [every], [every, "\u00d7 faulty at 1 of 5"], [every], []]
-    assert recording.rows("network/held_faulty", "GraphNodes:node_ids")[2] == [*[["held 1"]] * 3, ["held 1", "held 5"], ["held 1"], []]
+    held = recording.rows("network/held_faulty", "Points2D:positions")[2]
+    for row, nodes in zip(held, [*[[1]] * 3, [1, 5], [1], []]):
+        np.testing.assert_allclose(np.reshape(row, (-1, 2)), log.positions_m[nodes, :2] * (1, -1), rtol=1e-6)
+    crosses = recording.rows("network/held_faulty/cross", "LineStrips2D:strips")[2]
+    assert [len(row) for row in crosses] == [2, 2, 2, 4, 2, 0]
+    np.testing.assert_allclose(np.mean(crosses[0], axis=(0, 1)), held[0][0], rtol=1e-5)
     steps, _, shown = recording.rows("scene/held_faulty", "Points3D:positions")
     assert steps.tolist() == [12, 13, 14, 15, 16, 20] and [len(row) for row in shown] == [1, 1, 1, 2, 1, 0]
     np.testing.assert_allclose(np.array(shown[3])[:, :2], log.positions_m[[1, 5]], rtol=1e-6)
@@ -202,7 +207,7 @@ def test_held_sensors_are_marked_in_graph_and_scene(tmp_path):
     words = ["in use", "some hold it faulty", "half or more hold it faulty", "held faulty", "in use"]
     assert held == list(zip([0, 12, 13, 14, 20], words))
     assert lane(recording, "integrity/held/node/5") == [(0, "in use"), (15, "some hold it faulty"), (16, "in use")]
-    colours = recording.rows("network/held_faulty", "GraphNodes:colors")[2]
+    colours = recording.rows("network/held_faulty", "Points2D:colors")[2]
     assert len({tuple(row) for row in colours[:3]}) == 3 and colours[2] == colours[4]
 
 
@@ -250,7 +255,7 @@ def test_batches_do_not_matter(tmp_path, monkeypatch):
         log = add_monitor(Log(nodes=6, steps=STEPS), "exclude")
         recording, _ = convert(log.data(), tmp_path / "run.rrd")
         lanes = {name: lane(recording, name) for name in recording.entities() if name.startswith("integrity/")}
-        return lanes, recording.rows("integrity_events", "TextLog:text")[2], recording.rows("network/held_faulty", "GraphNodes:labels")[2], \
+        return lanes, recording.rows("integrity_events", "TextLog:text")[2], recording.rows("network/held_faulty", "Points2D:labels")[2], \
             recording.summary()
 
     whole = said()

@@ -64,8 +64,9 @@ def test_network(tmp_path):
     assert check(header, steps, recording) > 0
     held = np.array([sum(step["excluded"][i] for i, k in enumerate(sum(header["slots"], [])) if k == 2) for step in steps])
     assert held.max() > 0 and "| held faulty | node 2: " in recording.summary()
-    steps_marked, _, ids = recording.rows("network/held_faulty", "GraphNodes:node_ids")
-    assert ["held 2" in row for row in ids] == [bool(held[t]) for t in steps_marked]
+    steps_marked, _, marked = recording.rows("network/held_faulty", "Points2D:positions")
+    (places,) = recording.rows("network/nodes", "Points2D:positions", static=True)[2]
+    assert [places[2] in row for row in marked] == [bool(held[t]) for t in steps_marked]
 
 
 def test_no_monitor_no_marks(tmp_path):

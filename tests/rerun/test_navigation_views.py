@@ -9,7 +9,7 @@ from synthetic_monitor import NUMBERS, NavigationLog, add_monitor
 from test_kinds import blueprint_text
 
 STEPS = 30
-BLUE, RED, GREY = 0x4287F5FF, 0xE23028FF, 0x808080FF
+BLUE, RED, GREY = 0x4287F5FF, 0xFF5838FF, 0x808080FF
 # First state, unit, components.
 GROUPS = {
     "attitude": (0, 1e3, ("roll", "pitch", "heading")), "velocity": (3, 1.0, ("east", "north", "up")), "position": (6, 1.0, ("east", "north", "up")),

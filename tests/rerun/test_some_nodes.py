@@ -42,7 +42,7 @@ def test_each_quantity_is_the_right_node_s(tmp_path):
             np.testing.assert_array_equal(part.series(f"{quantity}/node/{k}"), whole.series(f"{quantity}/node/{k}"))
     assert not {f"theta/node/{k}" for k in range(5) if k not in KEEP} & part.entities()
     # The picture still has all nodes; those without an estimator are grey.
-    colours = part.rows("network/nodes", "GraphNodes:colors")[2]
+    colours = part.rows("network/nodes", "Points2D:colors")[2]
     assert all(len(row) == 5 and row[0] == row[2] == row[4] and row[1] != row[0] != row[3] for row in colours)
     assert "node 1, node 3" in part.summary() and "from a running node" in part.summary()
 

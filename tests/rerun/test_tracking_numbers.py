@@ -220,7 +220,7 @@ def test_batches_join_without_a_seam(made, tmp_path, monkeypatch):
         ("scene/estimate_trail", "LineStrips3D:strips"),
         ("scene/readings", "LineStrips3D:strips"),
         (f"nees/{paths(log)[0]}", "Scalars:scalars"),
-        ("network/nodes", "GraphNodes:colors"),
+        ("network/nodes", "Points2D:colors"),
     ):
         for one, other in zip(whole.rows(entity, component), parts.rows(entity, component)):
             assert np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other

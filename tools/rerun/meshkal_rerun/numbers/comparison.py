@@ -128,18 +128,3 @@ def distances(mine: np.ndarray, theirs: np.ndarray, pairing: Pairing, states: tu
     with np.errstate(invalid="ignore", over="ignore"):
         apart = mine[:, pairing.mine][:, :, wanted].astype(np.float64) - theirs[:, pairing.theirs][:, :, wanted]
         return derive.finite(np.sqrt(np.einsum("tki,tki->tk", apart, apart)))
-
-
-def quantiles(values: np.ndarray, shares: tuple[float, ...]) -> np.ndarray:
-    """Of what is known in each row of (T, K): (shares, T), with linear interpolation; NaN where nothing is. numpy's takes a second a million rows."""
-    ordered = np.sort(values, axis=1)  # NaN come last
-    known = np.isfinite(ordered).sum(axis=1)
-    out = np.full((len(shares), len(values)), np.nan)
-    there = np.flatnonzero(known)
-    for row, share in zip(out, shares):
-        at = share * (known[there] - 1)
-        below = np.floor(at).astype(np.intp)
-        above = np.minimum(below + 1, known[there] - 1)
-        low, high = ordered[there, below], ordered[there, above]
-        row[there] = low + (at - below) * (high - low)
-    return out

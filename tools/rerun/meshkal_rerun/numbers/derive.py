@@ -2,10 +2,14 @@
 """The quantities of a batch that are drawn: one column an estimator, and what sums up the network. Numbers only, no rerun."""
 
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
 
 from meshkal_log.fields import Batch, Header
+
+# Over the nodes.
+QUANTILES = {"median": 0.5, "low": 0.05, "high": 0.95}
 
 
 def decibels(values: np.ndarray) -> np.ndarray:
@@ -72,25 +76,40 @@ def per_estimator(batch: Batch, header: Header) -> dict[str, np.ndarray]:
 
 def network(batch: Batch, quantities: dict[str, np.ndarray]) -> dict[str, dict[str, np.ndarray]]:
     """Arrays (T,) by quantity and by the name of the summary."""
-    summaries = {"nis_ratio": {"pooled": _pooled_nis(batch)}}
+    summaries = {"nis_ratio": {"pooled": _pooled_nis(batch)} | spread(quantities["nis_ratio"])}
     for key in ("theta", "tolerance", "trace_covariance"):
         if key in quantities:
-            summaries[key] = _median_and_largest(quantities[key])
+            summaries[key] = spread(quantities[key], most="largest")
     for key in ("missing_measurements", "missing_estimates"):
         if key in quantities:
             summaries[key] = {"total": quantities[key].sum(axis=1)}
     error = known_error(batch)
     if error is not None:
-        summaries["error_db"] = {
-            "rms": decibels(root_mean_square(error)),
-            "median": decibels(quietly(np.nanmedian, error)),
-            "worst": decibels(quietly(np.nanmax, error)),
-        }
+        each = spread(error, most="worst")
+        summaries["error_db"] = {"rms": decibels(root_mean_square(error))} | {name: decibels(row) for name, row in each.items()}
     return summaries
 
 
-def _median_and_largest(values: np.ndarray) -> dict[str, np.ndarray]:
-    return {"median": quietly(np.nanmedian, values), "largest": quietly(np.nanmax, values)}
+def spread(values: np.ndarray, most: str = "") -> dict[str, np.ndarray]:
+    """Median over the nodes and the ends of the band that holds 90 of 100; `most`: name of the largest, if wanted. NaN is left out."""
+    wanted = QUANTILES | ({most: 1.0} if most else {})
+    return dict(zip(wanted, quantiles(values, list(wanted.values()))))
+
+
+def quantiles(values: np.ndarray, fractions: Sequence[float]) -> list[np.ndarray]:
+    """Of each row, NaN left out, linear between neighbours, as numpy.nanquantile, which takes a hundred times as long where there is a NaN."""
+    ordered = np.sort(values, axis=1)  # NaN last
+    last = np.count_nonzero(~np.isnan(ordered), axis=1) - 1
+    rows, out = np.arange(len(values)), []
+    for fraction in fractions:
+        at = fraction * np.maximum(last, 0)
+        low = np.floor(at).astype(np.intp)
+        below, above, part = ordered[rows, low], ordered[rows, np.minimum(low + 1, np.maximum(last, 0))], at - low
+        # Infinities: where both are the same, their difference would be NaN.
+        with np.errstate(invalid="ignore", over="ignore"):
+            between = np.where(below == above, below, below + part * (above - below))
+        out.append(np.where(part == 0.0, below, between))
+    return out
 
 
 def _pooled_nis(batch: Batch) -> np.ndarray:

@@ -196,7 +196,7 @@ class Differences:
         out.worst = _extreme(out.worst, apart, both.mine.step, 1.0)
         out.best = _extreme(out.best, apart, both.mine.step, -1.0)
         self._each_step.append(derive.quietly(np.nanmean, apart))
-        self._quantiles.append(comparison.quantiles(apart, (0.05, 0.95)))
+        self._quantiles.append(np.stack(derive.quantiles(apart, (0.05, 0.95))))
         self._bins.add(apart, both.mine.step * self._headers[0].dt_s if both.mine.time_s is None else both.mine.time_s)
 
 

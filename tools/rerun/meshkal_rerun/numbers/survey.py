@@ -14,6 +14,8 @@ from . import derive, navigation, tracking
 # More would not be told apart, neither by colour nor in a legend.
 ALL_NAMED = 8
 NAMED = 5
+# The viewer draws a hundred lines in a plot at ease, and a thousand not. Of more nodes only those that are named are drawn one by one.
+DRAWN_NODES = 100
 
 
 @dataclass(frozen=True)
@@ -22,18 +24,22 @@ class Survey:
     rank: tuple[int, ...]  # estimators, the worst first, those of which nothing is known last
     badness: np.ndarray  # (E,): RMS of the error; without truth the mean of the test quantity; NaN: unknown
     shade_range_db: tuple[float, float] | None  # of what nodes are coloured by
+    has_truth: bool = False  # that is then the error
 
 
 def quantities(batch: Batch, header: Header, scenario: Scenario) -> tuple[dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
     """All that is drawn of estimators, (T, E), and what sums up the network, (T,)."""
+    each = per_estimator(batch, header, scenario)
+    return each, derive.network(batch, each) | tracking.network(each)
+
+
+def per_estimator(batch: Batch, header: Header, scenario: Scenario) -> dict[str, np.ndarray]:
     each = derive.per_estimator(batch, header)
-    network = derive.network(batch, each)
-    more: dict[str, np.ndarray] = {}
     if header.navigation:
-        more = navigation.per_estimator(batch, scenario)
+        each |= navigation.per_estimator(batch, scenario)
     if header.tracking:
-        more = tracking.per_estimator(batch, header, scenario)
-    return each | more, network | tracking.network(more)
+        each |= tracking.per_estimator(batch, header, scenario)
+    return each
 
 
 def shade_db(each: dict[str, np.ndarray]) -> np.ndarray:
@@ -51,7 +57,7 @@ def survey(batches: Iterable[Batch], header: Header, scenario: Scenario) -> Surv
     shades = []
     for batch in batches:
         steps += len(batch.step)
-        each, _ = quantities(batch, header, scenario)
+        each = per_estimator(batch, header, scenario)
         shade = shade_db(each)
         shades.append(shade.astype(np.float32))
         known += np.isfinite(shade).sum(axis=0)
@@ -66,7 +72,7 @@ def survey(batches: Iterable[Batch], header: Header, scenario: Scenario) -> Surv
     # The extremes are left out: one start-up transient would otherwise paint the rest in one colour.
     span = tuple(float(q) for q in np.percentile(values, [10, 90])) if len(values) else None
     # NaN sorts last; equal ones stay in the order of their numbers.
-    return Survey(steps, tuple(int(e) for e in np.argsort(-badness, kind="stable")), badness, span)
+    return Survey(steps, tuple(int(e) for e in np.argsort(-badness, kind="stable")), badness, span, has_truth)
 
 
 def unknown(header: Header) -> Survey:

@@ -47,11 +47,10 @@ def network(quantities: dict[str, np.ndarray]) -> dict[str, dict[str, np.ndarray
     summaries = {key: {"total": quantities[key].sum(axis=1)} for key in ("missing_measurements", "missing_messages") if key in quantities}
     if "nees" in quantities:
         nees = quantities["nees"]
-        summaries["nees"] = {"mean": derive.quietly(np.nanmean, nees), "largest": derive.quietly(np.nanmax, nees)}
+        summaries["nees"] = {"mean": derive.quietly(np.nanmean, nees)} | derive.spread(nees, most="largest")
     if "position_error" in quantities:
         error = quantities["position_error"]
-        summaries["position_error"] = {"rms": derive.root_mean_square(error), "median": derive.quietly(np.nanmedian, error),
-                                       "worst": derive.quietly(np.nanmax, error)}
+        summaries["position_error"] = {"rms": derive.root_mean_square(error)} | derive.spread(error, most="worst")
     return summaries
 
 

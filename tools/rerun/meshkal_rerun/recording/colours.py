@@ -11,8 +11,16 @@ TRUTH = 0xFFFFFFFF
 SUMMARY = 0xFFFFFFFF
 WORST = 0xFF6B5EFF
 MEDIAN = 0x7FC8FFFF
+# Of the network as a whole, without a hue: hues are of nodes.
+MIDDLE = 0xA9B8CCFF
+BAND = 0x7C93B5FF
 REFERENCE = 0xB0B0B0FF
 LINK = 0x50505AFF
+FAINT_LINK = 0x50505A50
+# Links over which nothing came: they are dashed, too.
+MISSING = 0xFFFFFFE0
+FAINT_MISSING = 0xFFFFFF70
+BACKGROUND = 0x0D0D0DFF
 UNKNOWN = 0x808080FF
 BOUND = 0xE8C35AFF
 LIMIT = 0x8FA3B866
@@ -43,12 +51,12 @@ def compared(index: int) -> tuple[str, int]:
 
 
 # Blue, sand, red: ordered for the colour-blind too, and none of them vanishes on a dark background.
-_SCALE = np.array([[66, 135, 245], [245, 222, 150], [226, 48, 40]], dtype=np.float64)
+_SCALE = np.array([[66, 135, 245], [245, 222, 150], [255, 88, 56]], dtype=np.float64)
 
-
-# Of nodes that are named: told apart by the colour-blind too, lightened for the dark background, none of them the truth's white.
-_NAMED = (0xE69F00FF, 0x4C9BE8FF, 0xF0E442FF, 0xCC79A7FF, 0x2BB58AFF, 0xE06A1BFF, 0xB0A0FFFF, 0x9AD0F5FF)
-_OTHERS = 0x66788CFF
+# Of nodes that are named, from those of Okabe and Ito. Their five ones of equal lightness are two to the colour-blind; these differ in it, too:
+# the first five by 29 units of CIELAB at least in normal vision, deuteranopia and protanopia, all by 14. None is the truth's white.
+_NAMED = (0xE8650AFF, 0x56A5F0FF, 0xF5EA4AFF, 0x5FA27AFF, 0xA040FFFF, 0xA8F7C8FF, 0xA06A28FF, 0x2F6AD0FF)
+OTHERS = 0x66788CFF
 
 
 def cycled(count: int) -> np.ndarray:
@@ -59,9 +67,22 @@ class Palette:
     """The colours of nodes, the same in all pictures of a recording: those that are named have one each, the others share one."""
 
     def __init__(self, header: Header, named: Sequence[int]) -> None:
-        self.nodes = np.full(header.nodes, _OTHERS, dtype=np.uint32)
+        self._estimator_nodes = list(header.estimator_nodes)
+        self.nodes = np.empty(header.nodes, dtype=np.uint32)
+        self.estimators = np.full(header.estimators, MEDIAN, dtype=np.uint32)
+        self.name(named)
+
+    def name(self, named: Sequence[int]) -> None:
+        """In place: who has the arrays sees it."""
+        self.named = tuple(named)
+        self.nodes[:] = OTHERS
         self.nodes[list(named)] = cycled(len(named))
-        self.estimators = np.array([MEDIAN], dtype=np.uint32) if header.central else self.nodes[list(header.estimator_nodes)]
+        # Estimators, in the order of their names; a centre is the only one.
+        self.named_estimators = np.zeros(1, dtype=np.intp)
+        if self._estimator_nodes:
+            self.estimators[:] = self.nodes[self._estimator_nodes]
+            of = {node: e for e, node in enumerate(self._estimator_nodes)}
+            self.named_estimators = np.array([of[k] for k in named if k in of], dtype=np.intp)
 
 
 def with_alpha(colours: np.ndarray, alpha: int) -> np.ndarray:

@@ -19,11 +19,11 @@ from ..summary import compare
 from . import colours
 from .agreement import NAMED
 from .difference_map import log_picture, picture
+from .recorder import BAND_NAME
 from .scene import send_trail
 from .series import Clock, Series
 from .smooth import Smoothed
 
-BAND = (0.05, 0.95)
 # Bars of more nodes touch each other.
 _GAPS = 100
 SHOWN_BETTER, OTHER_BETTER = 0x4C9BE8FF, 0xE69F00FF
@@ -164,7 +164,6 @@ class _Other:
             style = {"names": f"node {k}{self._smooth.said}", "colors": self._parent._palette.nodes[k], "widths": 1.2}
             self._smooth.line(f"{path}/node/{k}", both.mine, apart[:, nodes.index(k)], **style)
         # The viewer draws in the order of names.
-        low, median, high = numbers.quantiles(apart, (BAND[0], 0.5, BAND[1]))
-        for name, values, label in (("high", high, "95 % of nodes"), ("low", low, "5 % of nodes")):
-            self._series.lines(f"{path}/over_nodes/{name}", times, values, names=label, colors=colours.LIMIT, widths=2.0)
-        self._series.lines(f"{path}/over_nodes/median", times, median, names="median", colors=colours.SUMMARY, widths=3.0)
+        spread = derive.spread(apart)
+        self._series.band(f"{path}/over_nodes/band", times, spread["low"], spread["high"], name=BAND_NAME, color=colours.BAND)
+        self._series.lines(f"{path}/over_nodes/median", times, spread["median"], names="median", colors=colours.SUMMARY, widths=3.0)

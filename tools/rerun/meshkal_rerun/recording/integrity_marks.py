@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Sensors that are held faulty, marked in the graph of the network and in the scene: in a colour and by a shape, with how many say so."""
+"""Sensors that are held faulty, marked in the picture of the network and in the scene: in a colour and by a shape, with how many say so."""
 
 import numpy as np
 import rerun as rr
@@ -9,10 +9,10 @@ from meshkal_log.scenario import Scenario
 from ..numbers import integrity
 from ..numbers.integrity import Share
 from . import colours
-from .network import ABOVE, graph_positions
+from .network import plane_positions
 from .series import Clock
 
-GRAPH = "network/held_faulty"
+PICTURE = "network/held_faulty"
 SCENE = "scene/held_faulty"
 _PAINT = np.array([colours.QUIET, colours.BOUND, colours.MANY, colours.WORST], dtype=np.uint32)
 _ARM = 0.02  # of the extent of the network: half the width of a cross
@@ -25,7 +25,11 @@ class IntegrityMarks:
         self._rec, self._clock, self._header = rec, clock, header
         self._held = integrity.Held(header)
         self._changes = integrity.Changes(np.zeros(header.nodes, dtype=np.int64))
-        self._graph = graph_positions(scenario.all_positions_m, header)[: header.nodes] + ABOVE
+        self._plane = plane_positions(scenario.all_positions_m, header)[: header.nodes]
+        self._plane_arm = _ARM * max(float(np.ptp(self._plane, axis=0).max()), 1e-3)
+        # Below the disc of the node, which keeps its colour, and wider.
+        rec.log(PICTURE, rr.Points2D.from_fields(radii=-9.0, show_labels=True, draw_order=25.0), static=True)
+        rec.log(f"{PICTURE}/cross", rr.LineStrips2D.from_fields(radii=-2.0, colors=colours.TRUTH, draw_order=34.0), static=True)
         self._positions = scenario.node_positions_m if scenario.position_states else None
         if self._positions is not None:
             known = self._positions[np.isfinite(self._positions).all(axis=1)]
@@ -46,9 +50,10 @@ class IntegrityMarks:
         # The viewer ends itself over a character that its font does not have; it has this one.
         texts = ["\u00d7 faulty" if h == 1 else f"\u00d7 faulty at {c} of {h}" for c, h in zip(count, of)]
         each = np.bincount(at, minlength=len(steps))
-        ids = [f"held {k}" for k in node]
-        columns = rr.GraphNodes.columns(node_ids=ids, positions=self._graph[node], labels=texts, colors=painted)
-        self._rec.send_columns(GRAPH, times, columns.partition(each))
+        columns = rr.Points2D.columns(positions=self._plane[node], colors=painted, labels=texts)
+        self._rec.send_columns(PICTURE, times, columns.partition(each))
+        strips = _crosses(self._plane[node], self._plane_arm)
+        self._rec.send_columns(f"{PICTURE}/cross", times, rr.LineStrips2D.columns(strips=strips).partition(2 * each))
         if self._positions is not None:
             known = np.isfinite(self._positions[node]).all(axis=1)
             each = np.bincount(at[known], minlength=len(steps))
@@ -56,6 +61,11 @@ class IntegrityMarks:
             labels = [text for text, is_known in zip(texts, known) if is_known]
             columns = rr.Points3D.columns(positions=where, colors=painted[known], labels=labels)
             self._rec.send_columns(SCENE, times, columns.partition(each))
-            arms = self._arm * np.array([[[-1.0, -1.0, 0.0], [1.0, 1.0, 0.0]], [[-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]])
-            strips = (where[:, None, None] + arms).reshape(-1, 2, 3).astype(np.float32)
-            self._rec.send_columns(f"{SCENE}/cross", times, rr.LineStrips3D.columns(strips=strips).partition(2 * each))
+            self._rec.send_columns(f"{SCENE}/cross", times, rr.LineStrips3D.columns(strips=_crosses(where, self._arm)).partition(2 * each))
+
+
+def _crosses(where: np.ndarray, arm: float) -> np.ndarray:
+    """Two strips of two points for each point (M, 2 or 3), diagonals in x and y."""
+    arms = np.zeros((2, 2, where.shape[1]))
+    arms[:, :, :2] = arm * np.array([[[-1.0, -1.0], [1.0, 1.0]], [[-1.0, 1.0], [1.0, -1.0]]])
+    return (where[:, None, None] + arms).reshape(-1, 2, where.shape[1]).astype(np.float32)

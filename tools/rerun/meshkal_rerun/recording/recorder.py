@@ -11,7 +11,7 @@ from meshkal_log.fields import LINEAR, NAVIGATION, TRACKING, Batch, Header
 from meshkal_log.scenario import Scenario
 from ..numbers import agreement, derive
 from ..numbers.integrity import Story
-from ..numbers.survey import Survey, quantities
+from ..numbers.survey import ALL_NAMED, DRAWN_NODES, Survey, quantities
 from ..summary.linear import Summary
 from ..summary.navigation import NavigationSummary
 from ..summary.tracking import TrackingSummary
@@ -20,7 +20,7 @@ from .agreement import AgreementRecorder
 from .integrity import IntegrityRecorder
 from .integrity_marks import IntegrityMarks
 from .navigation import NavigationRecorder, NavigationScene
-from .network import NetworkGraph
+from .network import NetworkPicture
 from .scene import Scene
 from .series import Clock, Series
 from .tracking import TrackingRecorder
@@ -31,18 +31,26 @@ _FAULTS = {0: "measurement missing", 1: "estimate missing", 2: "input refused", 
 # With lossy links the first two come and go at every step; they are drawn as counts and would bury the others here.
 _LOGGED = np.uint32(0xFFFFFFFF & ~0b11)
 
+BAND_NAME = "5 to 95 % of the nodes"
+
 _SCENES = {LINEAR: Scene, TRACKING: TrackingScene, NAVIGATION: NavigationScene}
 _SUMMARIES = {LINEAR: Summary, TRACKING: TrackingSummary, NAVIGATION: NavigationSummary}
 
 _SUMMARY_STYLE = {
-    "rms": (colours.SUMMARY, 3.0),
-    "pooled": (colours.SUMMARY, 3.0),
-    "mean": (colours.SUMMARY, 3.0),
-    "total": (colours.SUMMARY, 3.0),
-    "median": (colours.MEDIAN, 2.0),
-    "worst": (colours.WORST, 1.5),
-    "largest": (colours.WORST, 1.5),
+    "rms": ("RMS", colours.SUMMARY, 3.0),
+    "pooled": ("all nodes together", colours.SUMMARY, 2.5),
+    "mean": ("mean", colours.SUMMARY, 2.5),
+    "total": ("all nodes together", colours.SUMMARY, 1.5),
+    "median": ("median", colours.MIDDLE, 2.0),
+    # One name for all three parts of the band, so that they are one line of a legend.
+    "low": (BAND_NAME, colours.BAND, 0.7),
+    "high": (BAND_NAME, colours.BAND, 0.7),
+    "worst": ("largest", colours.WORST, 1.0),
+    "largest": ("largest", colours.WORST, 1.0),
 }
+# Of more than DRAWN_NODES nodes these have an entity of their own for each node, to be drawn on demand; without truth the test quantity stands
+# for the error. Of the other quantities all nodes are in one entity, which takes a fifth of the space, besides those that are named.
+_SINGLE = ("error_db", "position_error", "nees", "theta")
 
 
 def recording_id(header: Header, run: int, compared: Sequence[str] = ()) -> str:
@@ -69,6 +77,20 @@ def estimator_names(header: Header) -> list[str]:
     return ["centre"] if header.central else [f"node {k}" for k in header.estimator_nodes]
 
 
+def labels(header: Header, found: Survey) -> list[str]:
+    """Names of the estimators for legends, which say who is worst: of few the best, too, where they differ by a hundredth at least."""
+    out = estimator_names(header)
+    known = [e for e in found.rank if np.isfinite(found.badness[e])]
+    if len(known) < 2 or not found.badness[known[0]] > 1.01 * found.badness[known[-1]]:
+        return out
+    if len(known) <= ALL_NAMED:
+        out[known[-1]] += " (best)"
+        known = known[:1]
+    for e, what in zip(known, ("worst", "2nd worst", "3rd worst", "4th worst", "5th worst")):
+        out[e] += f" ({what})"
+    return out
+
+
 class Recorder:
     """Takes batches in order, then `finish`. Every row is sent in columns: one row at a time is a hundred times slower."""
 
@@ -78,26 +100,42 @@ class Recorder:
         self._names = estimator_names(header)
         self._palette = colours.Palette(header, named)
         self._colours = self._palette.estimators
+        self._name(found, named)
+        self._first_row = np.concatenate([[0], np.cumsum(header.rows)])
         self._clock = Clock(header)
         self._shade_range = found.shade_range_db
         self._series = Series(rec, envelope=header.timed)
         self._gaps: dict[str, bool] = {}  # of series, whether their first values have some
         self._last_faults = np.zeros(header.estimators, dtype=np.uint32)
-        paths = [estimator_path(header, k) for k in range(header.estimators)]
+        self._paths = paths = [estimator_path(header, k) for k in range(header.estimators)]
         scene = _SCENES[header.kind]
         self._scene = scene(rec, header, scenario, self._names, self._palette) if scenario.position_states else None
         self._tracking = TrackingRecorder(self._series, self._clock, header, self._palette, paths) if header.tracking else None
         self._navigation = NavigationRecorder(rec, self._series, self._clock, header, self._palette) if header.navigation else None
         # The links of satellites to one receiver say nothing; the sky does.
-        self._graph = None if header.navigation else NetworkGraph(rec, header, scenario, found.shade_range_db)
+        self._picture = None if header.navigation else NetworkPicture(rec, header, scenario, found, self._palette, self._labels)
         agrees = agreement.applies(header)
         agreement_of = (rec, self._series, self._clock, header, scenario, self._palette, named, found.steps)
         self._agreement = AgreementRecorder(*agreement_of) if agrees else None
         self._story = Story(header)
         self._integrity = IntegrityRecorder(self._series, self._clock, header, scenario, self._palette, self._names, paths)
-        self._marks = IntegrityMarks(rec, self._clock, header, scenario) if header.monitor and self._graph else None
+        self._marks = IntegrityMarks(rec, self._clock, header, scenario) if header.monitor and self._picture else None
         self._summary = _SUMMARIES[header.kind](header, scenario, run, self._names)
         rec.send_recording_name(f"{scenario.name}: {header.filter}, run {run}")
+
+    def _name(self, found: Survey, named: Sequence[int]) -> None:
+        self._palette.name(named)
+        self._labels = labels(self._header, found)
+        self._is_named = np.isin(np.arange(self._header.estimators), self._palette.named_estimators)
+
+    def rename(self, found: Survey, named: Sequence[int]) -> None:
+        """Other nodes are named from now on: of a run that goes on."""
+        self._name(found, named)
+        self._series.style_again()
+        if self._scene:
+            self._scene.style_again()
+        if self._picture:
+            self._picture.style_again(self._labels)
 
     def batch(self, batch: Batch) -> None:
         times = self._clock.times(batch)
@@ -119,8 +157,8 @@ class Recorder:
             self._agreement.batch(times, batch)
         if self._scene:
             self._scene.batch(times, batch)
-        if self._graph:
-            self._graph.batch(times, each)
+        if self._picture:
+            self._picture.batch(times, batch, each)
         self._summary.batch(batch, each, network, fault_changes)
         self._summary.integrity.batch(batch, events)
 
@@ -133,27 +171,49 @@ class Recorder:
         if self._agreement:
             self._agreement.finish()
         self._summary.more += more
-        self._rec.log("summary", rr.TextDocument(self._summary.text(end, self._shade_range if self._graph else None), media_type="text/markdown"), static=True)
+        self._rec.log("summary", rr.TextDocument(self._summary.text(end, self._shade_range if self._picture else None), media_type="text/markdown"), static=True)
 
     def _quantities(self, times: list, each: dict, network: dict) -> None:
         for quantity, values in each.items():
-            draw = self._sparse if quantity == "nis_ratio" else self._drawn
-            for k, name in enumerate(self._names):
-                path = f"{quantity}/{estimator_path(self._header, k)}"
-                draw(path, times, values[:, k], width=1.0, names=name, colors=self._colours[k])
+            self._estimators(quantity, times, values, single=quantity in (*_SINGLE, *(() if "error_db" in each else ("nis_ratio",))))
+            if self._header.estimators == 1:
+                network[quantity] = {key: row for key, row in network[quantity].items() if key not in derive.QUANTILES}
             for summary, row in network[quantity].items():
-                colour, width = _SUMMARY_STYLE[summary]
-                draw(f"{quantity}/network/{summary}", times, row, names=summary, colors=colour, width=width)
+                name, colour, width = _SUMMARY_STYLE[summary]
+                draw = self._sparse if quantity == "nis_ratio" else self._drawn
+                draw(f"{quantity}/network/{summary}", times, row, names=name, colors=colour, width=width)
+            if "low" in network[quantity]:
+                low, high = network[quantity]["low"], network[quantity]["high"]
+                self._series.band(f"{quantity}/network/band", times, low, high, name=BAND_NAME, color=colours.BAND)
         ones = np.ones(len(each["nis_ratio"]))
         self._series.lines("nis_ratio/expected", times, ones, names="expected: 1", colors=colours.REFERENCE, widths=1.0)
+
+    def _estimators(self, quantity: str, times: list, values: np.ndarray, *, single: bool) -> None:
+        """Each in an entity of its own, as far as there are not too many. single: even then."""
+        alone = np.arange(len(self._names))
+        if len(alone) > DRAWN_NODES and not single:
+            self._series.lines(f"{quantity}/nodes", times, values, widths=1.0)
+            alone = alone[self._is_named]
+        paths = [f"{quantity}/{self._paths[k]}" for k in alone]
+        points = quantity == "nis_ratio" and self._header.timed
+        for k, path in zip(alone, paths):
+            if points and path not in self._gaps:
+                self._gaps[path] = not np.isfinite(values[:, k]).all()
+            # Those that nobody draws go without: a style takes as long as a line.
+            if self._is_named[k] or len(self._names) <= DRAWN_NODES:
+                width = 2.5 if self._labels[k].endswith("(worst)") else 1.5 if self._is_named[k] else 1.0
+                as_points = points and self._gaps[path]
+                style = {"marker_sizes": 1.0 + width} if as_points else {"widths": width}
+                archetype = rr.SeriesPoints if as_points else rr.SeriesLines
+                self._series.style(path, archetype, names=self._labels[k], colors=self._colours[k], **style)
+        self._series.columns(paths, times, values[:, alone])
 
     def _states(self, times: list, batch: Batch) -> None:
         """One entity a state with all estimators in it: a node in each entity would make states x nodes entities."""
         for i in range(self._header.states):
             estimates = derive.finite(batch.estimate[:, :, i])
             self._series.lines(f"state/{i}/estimates", times, estimates, names=self._names, colors=self._colours, widths=1.0)
-            for summary, function in (("median", np.nanmedian), ("smallest", np.nanmin), ("largest", np.nanmax)):
-                row = derive.quietly(function, estimates)
+            for summary, row in zip(("median", "smallest", "largest"), derive.quantiles(estimates, (0.5, 0.0, 1.0))):
                 colour = colours.WORST if summary != "median" else colours.MEDIAN
                 self._series.lines(f"state/{i}/network/{summary}", times, row, names=summary, colors=colour, widths=1.5)
             if batch.truth is not None:
@@ -161,14 +221,18 @@ class Recorder:
                 self._series.lines(f"state/{i}/truth", times, truth, names="truth", colors=colours.TRUTH, widths=3.0)
 
     def _measurements(self, times: list, batch: Batch) -> None:
-        first = 0
-        for k, rows in enumerate(self._header.rows):
-            values = derive.finite(batch.measurements[:, first : first + rows])
-            first += rows
+        header, values = self._header, derive.finite(batch.measurements)
+        alone = range(header.nodes)
+        if header.nodes > DRAWN_NODES:
+            self._series.lines("measurement/nodes", times, values, widths=1.0)
+            alone = [k for k in alone if k in self._palette.named]
+        for k in alone:
+            rows, first = header.rows[k], self._first_row[k]
             if rows:
-                name = self._header.sensor_name(k)
+                name = header.sensor_name(k)
                 names = [name if rows == 1 else f"{name}, row {r}" for r in range(rows)]
-                self._sparse(f"measurement/{self._header.sensor_path(k)}", times, values, names=names, colors=np.full(rows, self._palette.nodes[k]))
+                style = {"names": names, "colors": np.full(rows, self._palette.nodes[k])}
+                self._sparse(f"measurement/{header.sensor_path(k)}", times, values[:, first : first + rows], **style)
 
     def _drawn(self, path: str, times: list, values: np.ndarray, *, width: float, **style: object) -> None:
         self._series.lines(path, times, values, widths=width, **style)

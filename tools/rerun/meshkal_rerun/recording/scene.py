@@ -6,11 +6,15 @@ import rerun as rr
 
 from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario, positions_of
+from ..numbers.survey import DRAWN_NODES
 from . import colours
 
 TRAIL_STEPS = 60
 
 ELLIPSOIDS = "scene/ellipsoids_3_sigma"
+OTHERS = "scene/other_estimates"
+# More labels would hide each other.
+LABELLED_NODES = 40
 
 
 class Scene:
@@ -22,41 +26,67 @@ class Scene:
         self._path: list[np.ndarray] = []  # every known true position, for the whole path
         self._path_of = "truth"
         self._recent = np.zeros((0, 3), dtype=np.float32)  # the last of them, for the trail
-        # Negative radii are sizes on the screen, which suit any scale of the scene.
-        self._style("scene/estimates", rr.Points3D, colors=palette.estimators, labels=names, show_labels=False, radii=-4.0)
-        faint = colours.with_alpha(palette.estimators, 90)
-        self._style(ELLIPSOIDS, rr.Ellipsoids3D, colors=faint, labels=names, show_labels=False, line_radii=-0.4)
-        self._sensors(header, scenario)
+        self._names, self._palette = names, palette
+        self._everyone = np.arange(header.estimators)
+        self._shown = self._others = self._everyone[:0]
+        self.style_again()
+        self._sensors(header, scenario, palette)
 
-    def _sensors(self, header: Header, scenario: Scenario) -> None:
+    def style_again(self) -> None:
+        """Of many nodes those that are named are shown, and the others as small points: their ellipsoids would cover all."""
+        palette = self._palette
+        self._shown = palette.named_estimators if len(self._everyone) > DRAWN_NODES else self._everyone
+        self._others = np.setdiff1d(self._everyone, self._shown)
+        # Negative radii are sizes on the screen, which suit any scale of the scene.
+        if len(self._others):
+            self._style(OTHERS, rr.Points3D, colors=colours.OTHERS, radii=-1.2)
+        names, painted = [self._names[e] for e in self._shown], palette.estimators[self._shown]
+        radii = np.where(np.isin(self._shown, palette.named_estimators), np.float32(-5.0), np.float32(-3.0))
+        self._style("scene/estimates", rr.Points3D, colors=painted, labels=names, show_labels=False, radii=radii)
+        faint = colours.with_alpha(painted, 90)
+        self._style(ELLIPSOIDS, rr.Ellipsoids3D, colors=faint, labels=names, show_labels=False, line_radii=-0.4)
+
+    def _sensors(self, header: Header, scenario: Scenario, palette: colours.Palette) -> None:
         positions = scenario.node_positions_m
         if positions is None:
             return
         labels = [str(k) for k in range(header.nodes)]
-        few = header.nodes <= 40
-        self._rec.log(
-            "scene/sensors",
-            rr.Points3D(positions, colors=colours.REFERENCE, radii=-4.0 if few else -2.0, labels=labels, show_labels=few),
-            static=True,
-        )
+        few = header.nodes <= LABELLED_NODES
+        # Of a centre all would have a colour.
+        painted = np.full(header.nodes, colours.REFERENCE, dtype=np.uint32) if header.central else palette.nodes
+        if not few:
+            named = list(palette.named)
+            self._rec.log(
+                "scene/named_sensors",
+                rr.Points3D(positions[named], colors=painted[named], radii=-4.0, labels=[labels[k] for k in named], show_labels=True),
+                static=True,
+            )
+        sensors = rr.Points3D(positions, colors=painted, radii=-4.0 if few else -1.5, labels=labels, show_labels=few)
+        self._rec.log("scene/sensors", sensors, static=True)
         if not header.central:
             links = sorted({(min(k, j), max(k, j)) for k, slots in zip(header.estimator_nodes, header.slots) for j in slots if j != k})
-            strips = [positions[list(link)] for link in links]
-            self._rec.log("scene/links", rr.LineStrips3D(strips, colors=colours.LINK, radii=-0.5), static=True)
+            if links:
+                colour = colours.LINK if few else colours.FAINT_LINK
+                self._rec.log("scene/links", rr.LineStrips3D(positions[np.array(links)], colors=colour, radii=-0.5), static=True)
 
     def batch(self, times: list, batch: Batch) -> None:
-        count, estimators = batch.estimate.shape[:2]
-        each = np.full(count, estimators)
-        centers = positions_of(batch.estimate, self._position_states).reshape(-1, 3)
-        self._rec.send_columns("scene/estimates", times, rr.Points3D.columns(positions=centers).partition(each))
-
+        count, shown = len(batch.step), len(self._shown)
+        centers = positions_of(batch.estimate, self._position_states)
+        if len(self._others):
+            self._points(OTHERS, times, centers[:, self._others])
+        centers = centers[:, self._shown]
+        self._points("scene/estimates", times, centers)
         if batch.position_covariance is not None:
-            half_sizes, quaternions = ellipsoids(batch.position_covariance.reshape(count * estimators, -1), 3.0)
-            columns = rr.Ellipsoids3D.columns(centers=centers, half_sizes=half_sizes, quaternions=quaternions)
-            self._rec.send_columns(ELLIPSOIDS, times, columns.partition(each))
-
+            half_sizes, quaternions = ellipsoids(batch.position_covariance[:, self._shown].reshape(count * shown, -1), 3.0)
+            columns = rr.Ellipsoids3D.columns(centers=centers.reshape(-1, 3), half_sizes=half_sizes, quaternions=quaternions)
+            self._rec.send_columns(ELLIPSOIDS, times, columns.partition(np.full(count, shown)))
         if batch.truth is not None:
             self._truth(times, positions_of(batch.truth, self._position_states))
+
+    def _points(self, path: str, times: list, points: np.ndarray) -> None:
+        """(T, K, 3)"""
+        each = np.full(len(points), points.shape[1])
+        self._rec.send_columns(path, times, rr.Points3D.columns(positions=points.reshape(-1, 3)).partition(each))
 
     def _truth(self, times: list, positions: np.ndarray) -> None:
         if not self._path:

@@ -45,7 +45,7 @@ class TrackingRecorder:
         if batch.nees is not None:
             for name, value in self._band.items():
                 label = name if name == "expected" else f"{name} bound, {100 * numbers.BAND:.0f} % band"
-                colour = colours.REFERENCE if name == "expected" else colours.BOUND
+                colour = colours.REFERENCE if name == "expected" else colours.BAND
                 self._series.lines(f"nees/band/{name}", times, np.full(len(batch.step), value), names=label, colors=colour, widths=1.0)
 
     def _gates(self, times: list, batch: Batch, decided: np.ndarray) -> None:

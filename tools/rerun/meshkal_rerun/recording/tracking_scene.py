@@ -9,7 +9,7 @@ from meshkal_log.fields import Batch, Decision, Header
 from meshkal_log.scenario import Scenario, positions_of
 from ..numbers import tracking as numbers
 from . import colours
-from .scene import ELLIPSOIDS, Scene, send_trail
+from .scene import ELLIPSOIDS, LABELLED_NODES, Scene, send_trail
 from .tracking import STATES
 
 LIMITS = "scene/range_limits"
@@ -34,13 +34,15 @@ class TrackingScene(Scene):
             self._style("scene/readings", rr.LineStrips3D, radii=-1.2)
         self._style("scene/estimate_trail", rr.LineStrips3D, colors=colours.MEDIAN, radii=-1.0)
 
-    def _sensors(self, header: Header, scenario: Scenario) -> None:
+    def _sensors(self, header: Header, scenario: Scenario, palette: colours.Palette) -> None:
         positions = scenario.node_positions_m
         if positions is None:
             return
         known = np.flatnonzero(np.isfinite(positions).all(axis=1))
-        few = header.nodes <= 40
-        style = {"labels": [str(k) for k in known], "show_labels": few, "radii": -4.0 if few else -2.0, "colors": colours.REFERENCE}
+        few = header.nodes <= LABELLED_NODES
+        # The colour of a reading tells what became of it; so that of a sensor is left to networks, where each has an estimate.
+        painted = colours.REFERENCE if header.central else palette.nodes[known]
+        style = {"labels": [str(k) for k in known], "show_labels": few, "radii": -4.0 if few else -2.0, "colors": painted}
         self._rec.log("scene/sensors", rr.Points3D(positions[known], **style), static=True)
         self._limits(positions, scenario)
         links = self._links.nodes

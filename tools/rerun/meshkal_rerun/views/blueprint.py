@@ -11,7 +11,8 @@ from meshkal_log.scenario import Scenario
 from meshkal_log.together import Label
 from ..numbers import agreement
 from ..numbers.difference import Difference
-from ..numbers.survey import Survey
+from ..numbers.survey import DRAWN_NODES, Survey
+from ..recording import colours
 from ..recording.series import seconds_timeline
 from . import compare as compare_blueprint
 from . import consensus as consensus_blueprint
@@ -19,10 +20,11 @@ from . import integrity as integrity_blueprint
 from . import navigation as navigation_blueprint
 from . import parts as views
 from . import tracking as tracking_blueprint
-from .parts import DRAWN_NODES, plot
+from .parts import Shown
 
 
-VIEWS = ("overview", "summary", "node", "compare", "integrity", "consensus")
+PLAIN = ("kfc", "kfd")  # without theta and tolerance
+VIEWS = ("overview", "node", "compare", "integrity", "consensus", "summary")
 
 
 def blueprint(
@@ -31,31 +33,19 @@ def blueprint(
     first: Batch,
     found: Survey,
     named: Sequence[int],
-    compared: Sequence[tuple[Label, Difference]] = (),
+    compared: Sequence[tuple[Label, Difference | None]] = (),
     view: str | None = None,
 ) -> rrb.Blueprint:
     """`first` is the first batch: it tells whether there is a truth, and where the scene is. named: nodes, the worst first. compared: the shown log's
-    name with no difference, and those of others with theirs; or nothing. view: of VIEWS, what is in front."""
-    beside = tuple(label.text for label, _ in compared[1:]) if scenario.position_states else ()
-    few = header.estimators <= DRAWN_NODES
-    if header.navigation:
-        front = navigation_blueprint.front(header, scenario, first, beside)
-    elif header.tracking:
-        front = tracking_blueprint.front(header, scenario, first, beside, few=few)
-    else:
-        front = {"overview": _overview(header, scenario, first, few=few)}
-    if header.monitor:
-        front["integrity"] = integrity_blueprint.tab(header, first)
-    if agreement.applies(header):
-        front["consensus"] = consensus_blueprint.tab(header, scenario, first)
-    if compared:
-        front["compare"] = compare_blueprint.tab(header, compared[0][0], compared[1:])
-        view = view or "compare"
-    if view is not None and view not in front:
-        raise LogError(f"the log has nothing for the view {view}; it has {', '.join(front)}")
-    tabs = [*front.values(), *_details(header, scenario, first, few=few)]
+    name with no difference, and those of others with theirs; or nothing. view: of VIEWS, what is in front; None: the comparison if there is one, else
+    the overview."""
+    shown = Shown(header, scenario, first, found, tuple(named), tuple(label.text for label, _ in compared[1:]))
+    tabs = views_of(shown, compared)
+    if view is not None and view not in tabs:
+        raise LogError(f"the log has nothing for the view {view}; it has {', '.join(tabs)}")
+    active = view or ("compare" if compared and "compare" in tabs else "overview")
     return rrb.Blueprint(
-        rrb.Tabs(*tabs, active_tab=list(front).index(view) if view else 0),
+        rrb.Tabs(*tabs.values(), *_details(shown), active_tab=list(tabs).index(active)),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         # Opened at the last step: trail, colours and values are then all there.
@@ -65,13 +55,35 @@ def blueprint(
     )
 
 
-def _details(header: Header, scenario: Scenario, first: Batch, *, few: bool) -> list:
+def views_of(shown: Shown, compared: Sequence[tuple[Label, Difference | None]] = ()) -> dict[str, rrb.Container]:
+    """Tabs by names of VIEWS, in their order, those that this log has something for. compared: as for `blueprint`."""
+    header, scenario, first = shown.header, shown.scenario, shown.first
+    if header.navigation:
+        tabs = navigation_blueprint.front(header, scenario, first, shown.compared)
+    elif header.tracking:
+        tabs = {"overview": tracking_blueprint.overview(shown)}
+    else:
+        tabs = {"overview": _overview(shown)}
+    # Here is the place of the tab "node".
+    if compared:
+        tabs["compare"] = compare_blueprint.tab(header, compared[0][0], compared[1:])
+    if agreement.applies(header):
+        tabs["consensus"] = consensus_blueprint.tab(header, scenario, first)
+    tabs.setdefault("summary", views.words("Summary"))
+    if header.monitor:
+        tabs["integrity"] = integrity_blueprint.tab(header, first)
+    return {name: tabs[name] for name in VIEWS if name in tabs}
+
+
+def _details(shown: Shown) -> list:
     """Tabs behind the views, for a closer look."""
+    header, scenario, first = shown.header, shown.scenario, shown.first
     if header.navigation:
         grid = _grid_tab(navigation_blueprint.consistency(header, first), "Consistency and losses")
         return [*navigation_blueprint.details(scenario, first), grid]
+    few = header.estimators <= DRAWN_NODES
     tabs = [
-        _grid_tab(_consistency(header, first), "Consistency and losses"),
+        _grid_tab(_consistency(shown), "Consistency and losses"),
         _grid_tab(views.states(header, has_truth=first.truth is not None, few=few), "States"),
     ]
     if header.nodes <= DRAWN_NODES:
@@ -80,38 +92,32 @@ def _details(header: Header, scenario: Scenario, first: Batch, *, few: bool) -> 
     return tabs
 
 
-def _overview(header: Header, scenario: Scenario, first: Batch, *, few: bool) -> rrb.Horizontal:
+def _overview(shown: Shown) -> rrb.Horizontal:
+    header, scenario, first = shown.header, shown.scenario, shown.first
     has_truth = first.error is not None
-    legend = 1 < header.estimators <= views.LEGEND_NODES
-    every = "of the centre" if header.central else "of each node" if few else "over the network"
     if has_truth:
-        name = f"Error {every}, dB" + (" (white: RMS over the network)" if header.estimators > 1 and few else "")
-        plots = [plot(header, "error_db", name, summary="rms", legend=legend or not few)]
+        others = "".join(f", {colours.compared(i)[0]}: {label}" for i, label in enumerate(shown.compared))
+        extra = ("$origin/compared/**",) if shown.compared else ()
+        plots = [shown.plot("error_db", "Error{each}, dB" + others, summary="rms", extra=extra)]
     else:
-        name = f"Test quantity {every}, 1 = as expected (no truth, so no error)"
-        plots = [plot(header, "nis_ratio", name, summary="pooled", legend=legend or not few)]
-    plots += [
-        plot(header, "theta", f"Risk sensitivity theta {every}"),
-        plot(header, "tolerance", f"Tolerance c {every}, nats", axis=_tolerance_axis(first)),
-    ]
-    colour = "error" if has_truth else "test quantity"
-    pictures = [rrb.GraphView(origin="network", name=f"Network, colour: {colour} from blue (small) to red (large), range in the summary")]
+        plots = [shown.plot("nis_ratio", "Test quantity{each}, 1 = as expected (no truth, so no error)", summary="pooled")]
+    if header.filter in PLAIN:
+        if has_truth:
+            plots.append(shown.plot("nis_ratio", "Test quantity{each}, 1 = as expected", summary="pooled", legend=False, named=()))
+        what = "measurements" if header.central else "estimates"
+        plots.append(views.series(f"missing_{what}", f"Missing {what} in a step, whole network", ["$origin/network/total"]))
+    else:
+        plots.append(shown.plot("theta", "Risk sensitivity theta{each}", legend=False))
+        plots.append(shown.plot("tolerance", "Tolerance c{each}, nats", axis=_tolerance_axis(first), legend=False))
+    pictures = [views.network(header, scenario, has_truth=has_truth)] if header.nodes > 1 else []
     if scenario.position_states:
-        name = "Position, m: " + ("truth (white), " if first.truth is not None else "") + "estimates (coloured), sensors (grey)"
-        pictures.insert(0, views.scene(scenario, first, name, few=few))
-    else:
-        pictures.insert(0, rrb.Tabs(*views.states(header, has_truth=first.truth is not None, few=few), active_tab=0))
-    text = rrb.Vertical(
-        rrb.TextDocumentView(origin="summary", name="Summary"),
-        views.text_log("faults", "Faults"),
-        row_shares=[4, 1],
-    )
+        name = "Position, m: " + ("truth (white), " if first.truth is not None else "") + "estimates, sensors"
+        pictures.append(views.scene(scenario, first, name))
+    if not scenario.position_states or header.nodes == 1:
+        few = header.estimators <= DRAWN_NODES
+        pictures.append(rrb.Tabs(*views.states(header, has_truth=first.truth is not None, few=few), active_tab=0, name="States"))
     return rrb.Horizontal(
-        rrb.Vertical(*plots, row_shares=[4, 3, 3]),
-        rrb.Vertical(*pictures),
-        text,
-        column_shares=[5, 5, 4],
-        name="Overview",
+        rrb.Vertical(*plots, row_shares=[5, 3, 3][: len(plots)]), rrb.Vertical(*pictures), views.words(), column_shares=[5, 5, 4], name="Overview"
     )
 
 
@@ -121,20 +127,18 @@ def _tolerance_axis(first: Batch) -> rrb.ScalarAxis | None:
     return rrb.ScalarAxis(range=(0.0, 1.5 * high)) if 0.0 < low == high < float("inf") else None
 
 
-def _consistency(header: Header, first: Batch) -> list[rrb.View]:
-    several = header.estimators > 1
-    name = "Test quantity: squared normalised innovation / degrees of freedom, 1 = as expected"
-    together = " (white: all nodes together)" if several else ""
+def _consistency(shown: Shown) -> list[rrb.View]:
+    header = shown.header
     plots = [
-        plot(header, "nis_ratio", name, summary="pooled"),
-        plot(header, "trace_covariance", "Trace of the covariance " + ("P" if header.tracking else "V")),
-        plot(header, "missing_measurements", "Missing measurements" + together, summary="total"),
+        shown.plot("nis_ratio", "Test quantity{each}: squared normalised innovation / degrees of freedom, 1 = as expected", summary="pooled"),
+        shown.plot("trace_covariance", "Trace of the covariance " + ("P" if header.tracking else "V") + "{each}"),
+        shown.losses("missing_measurements", "Missing measurements{each}"),
     ]
     if header.filter == "rekfd":
-        plots += [plot(header, "theta", "Risk sensitivity theta"), plot(header, "tolerance", "Tolerance c, nats", axis=_tolerance_axis(first))]
+        plots += [shown.plot("theta", "Risk sensitivity theta{each}"), shown.plot("tolerance", "Tolerance c{each}, nats", axis=_tolerance_axis(shown.first))]
     if not header.central:
         what = "messages" if header.tracking else "estimates"
-        plots.append(plot(header, f"missing_{what}", f"Missing {what}" + together, summary="total"))
+        plots.append(shown.losses(f"missing_{what}", f"Missing {what}" + "{each}"))
     return plots
 
 

@@ -22,7 +22,7 @@ def front(header: Header, scenario: Scenario, first: Batch, compared: tuple[str,
 
 def details(scenario: Scenario, first: Batch) -> list:
     name = "Position, m: " + ("truth (white), " if first.truth is not None else "") + "estimate (blue)"
-    flight = rrb.Vertical(views.scene(scenario, first, name, few=True), name="Flight")
+    flight = rrb.Vertical(views.scene(scenario, first, name), name="Flight")
     return [rrb.Grid(*_states(first), name="Navigation", grid_columns=3), flight]
 
 
@@ -40,7 +40,7 @@ def _overview(header: Header, first: Batch, compared: tuple[str, ...]) -> rrb.Ho
     held = ", ring and cross: held faulty" if header.monitor else ""
     weight = "blue: full weight, red: none" if first.weight is not None else "blue: used"
     bounds = rrb.VisualBounds2D(x_range=(-EXTENT, EXTENT), y_range=(-EXTENT, EXTENT))
-    left = [rrb.Spatial2DView(origin="sky", name=f"Sky, elevation in degrees; {weight}{held}", visual_bounds=bounds, background=[13, 16, 17])]
+    left = [rrb.Spatial2DView(origin="sky", name=f"Sky, elevation in degrees; {weight}{held}", visual_bounds=bounds, background=views.BACKGROUND)]
     shares = [7.0]
     if header.monitor:
         left.append(integrity_blueprint.lanes(header))

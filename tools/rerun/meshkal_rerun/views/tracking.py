@@ -5,32 +5,23 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from meshkal_log.fields import Batch, Header
-from meshkal_log.scenario import Scenario
 from ..numbers import tracking as numbers
+from ..numbers.survey import DRAWN_NODES
 from ..recording import colours
 from ..recording.tracking import DRAWN_SLOTS
 from .consensus import consensus
-from .parts import TIME_AXIS, plot, scene, series, states, text_log
+from .parts import TIME_AXIS, Shown, network, scene, series, states, words
 
 # One lane each; more would be too thin to read.
 LANES = 40
 
 
-def front(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...], *, few: bool) -> dict:
-    """The tabs that come first, by the name of the view."""
-    network = rrb.GraphView(origin="network", name="Network, colours as the summary says")
-    words = text_log("rejections", "Readings that were not used as they were")
-    summary = rrb.TextDocumentView(origin="summary", name="Summary")
-    return {
-        "overview": _overview(header, scenario, first, compared, few=few),
-        "summary": rrb.Horizontal(summary, rrb.Vertical(network, words), column_shares=[5, 6], name="Summary and network"),
-    }
-
-
-def _overview(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...], *, few: bool) -> rrb.Horizontal:
+def overview(shown: Shown) -> rrb.Horizontal:
+    header, scenario, first = shown.header, shown.scenario, shown.first
     if scenario.position_states:
-        left = [scene(scenario, first, _scene_name(first), few=few)]
+        left = [scene(scenario, first, _scene_name(first))]
     else:
+        few = header.estimators <= DRAWN_NODES
         left = [rrb.Tabs(*states(header, has_truth=first.truth is not None, few=few), active_tab=0)]
     shares = [7.0]
     lanes = sum(map(bool, header.rows))
@@ -39,40 +30,38 @@ def _overview(header: Header, scenario: Scenario, first: Batch, compared: tuple[
         shares.append(min(max(0.7 * lanes - 0.4, 1.2), 6.0))  # a lane has the same height in all pictures
     return rrb.Horizontal(
         rrb.Vertical(*left, row_shares=shares),
-        rrb.Vertical(*_plots(header, scenario, first, compared, few=few)),
-        column_shares=[6, 5],
+        rrb.Vertical(*_plots(shown)),
+        rrb.Vertical(network(header, scenario, has_truth=first.error is not None), words(), row_shares=[2, 3]),
+        column_shares=[5, 5, 4],
         name="Overview",
     )
 
 
-def _plots(header: Header, scenario: Scenario, first: Batch, compared: tuple[str, ...], *, few: bool) -> list[rrb.View]:
-    every = "of the centre" if header.central else "of each node" if few else "over the network"
+def _plots(shown: Shown) -> list[rrb.View]:
+    header, scenario, first, compared = shown.header, shown.scenario, shown.first, shown.compared
     others = "".join(f", {colours.compared(i)[0]}: {label}" for i, label in enumerate(compared))
     distances = "".join(f"; {colours.compared(i)[0]}: RMS distance to {label}" for i, label in enumerate(compared))
     out = []
     error = numbers.position_error(first, scenario)
     if error is not None:
-        name = f"Position error {every}, m" + (", white: RMS over the network" if header.estimators > 1 and few else "") + others
         extra = ("$origin/compared/**",) if compared else ()
-        out.append(plot(header, "position_error", name, summary="rms", axis=_axis(error), extra=extra))
+        out.append(shown.plot("position_error", "Position error{each}, m" + others, summary="rms", axis=_axis(error), extra=extra))
     elif first.error is not None:
-        out.append(plot(header, "error_db", f"Error {every}, dB", summary="rms"))
+        out.append(shown.plot("error_db", "Error{each}, dB", summary="rms"))
     if first.nees is not None:
         low, high = numbers.nees_band(header.states)
-        name = f"NEES {every}; an exact filter: {header.states}, in 95 of 100 steps from {low:.2f} to {high:.2f}"
-        out.append(plot(header, "nees", name, summary="mean", axis=_axis(first.nees, 1.5 * high), extra=("$origin/band/**",)))
+        name = "NEES{each}; exact: " + f"{header.states}, in 95 of 100 steps {low:.2f} to {high:.2f}"
+        out.append(shown.plot("nees", name, summary="mean", axis=_axis(first.nees, 1.5 * high), legend=False, extra=("$origin/band/**",)))
     else:
-        name = f"Test quantity {every}, 1 = as expected (no truth, so no NEES)"
-        out.append(plot(header, "nis_ratio", name, summary="pooled", axis=_axis(first.nis / np.maximum(first.nis_rows, 1), 2.0)))
+        out.append(_test_quantity(shown, "no truth, so no NEES"))
     if _gated(first):
         sums = len(numbers.Slots(header).at) > DRAWN_SLOTS
         contents = ["$origin/threshold", "$origin/network/**" if sums else "$origin/**", *([] if sums else ["- $origin/network/**"])]
-        what = "largest in each step" if sums else "of each reading; cross: rejected, triangle: inflated"
+        what = "largest in each step" if sums else "cross: rejected, triangle: inflated"
         axis = _axis(np.concatenate([first.gate_ratio, first.gate_stacked_ratio], axis=1), 2.0)
         out.append(series("gate_ratio", f"Test ratio of the gate, threshold 1; {what}", contents, axis=axis))
     elif first.nees is not None:
-        name = f"Test quantity {every}, 1 = as expected (no gate in this log)"
-        out.append(plot(header, "nis_ratio", name, summary="pooled", axis=_axis(first.nis / np.maximum(first.nis_rows, 1), 2.0)))
+        out.append(_test_quantity(shown, "no gate in this log"))
     if first.disagreement is not None:
         name = f"Disagreement: largest distance of two estimates, m{distances}"
         out.append(series("disagreement", name, ["$origin/**"], axis=_axis(first.disagreement)))
@@ -83,9 +72,14 @@ def _plots(header: Header, scenario: Scenario, first: Batch, compared: tuple[str
     return out
 
 
+def _test_quantity(shown: Shown, why: str) -> rrb.View:
+    axis = _axis(shown.first.nis / np.maximum(shown.first.nis_rows, 1), 2.0)
+    return shown.plot("nis_ratio", "Test quantity{each}, 1 = as expected " + f"({why})", summary="pooled", axis=axis, legend=False)
+
+
 def _scene_name(first: Batch) -> str:
     target = "target (white), " if first.truth is not None else ""
-    return f"Position, m: {target}estimates with 3 sigma, sensors, readings of this instant"
+    return f"Position, m: {target}estimates, readings"
 
 
 def _gated(first: Batch) -> bool:
