@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from .fields import Batch, Header, lengths, monitor_lengths, optional
-from .reader import LogError, LogReader, check_arrays
+from .reader import LogError, LogReader, check_arrays, check_times
 
 SAME = ("scenario_sha256", "filter", "real", "dt_s", "source", "monitor", "monitor_window", "monitor_false_alarm")
 # What holds one number or more of each slot, of each estimator, and of each row of its own sensor. The optional ones some of the logs may lack.
@@ -44,24 +44,33 @@ class JoinedReader(LogReader):
             slots |= zip(reader.header.estimator_nodes, reader.header.slots)
         nodes = tuple(sorted(slots))
         self.header = replace(first, estimators=len(nodes), estimator_nodes=nodes, slots=tuple(slots[k] for k in nodes))
-        self.end = None
-        self.warnings = []
-        self._items = 0
+        own = {"estimators": len(nodes), "estimator_nodes": list(nodes), "slots": [list(slots[k]) for k in nodes]}
+        self.header_item = next(iter(readers.values())).header_item | own
+        self.end, self.watch = None, None
+        self.warnings, self.damage = [], []
+        self.items, self._last, self._start = 0, None, None
 
-    def batches(self, run: int) -> Iterator[Batch]:
-        yield from super().batches(run)
+    @property
+    def position(self) -> int | None:
+        positions = [reader.position for reader in self._readers.values()]
+        return None if None in positions else sum(positions)
+
+    def numbered_batches(self, run: int | None = None) -> Iterator[tuple[int, Batch]]:
+        yield from super().numbered_batches(run)
         ends = [reader.end for reader in self._readers.values()]
-        self.end = "complete" if all(end == "complete" for end in ends) else "interrupted" if all(ends) else None
-        self.warnings = [f"{name}: {text}" for name, reader in self._readers.items() for text in reader.warnings]
+        if self.end is None:
+            self.end = "complete" if set(ends) == {"complete"} else "damaged" if "damaged" in ends else "interrupted" if all(ends) else None
+        self.damage = [f"{name}: {text}" for name, reader in self._readers.items() for text in reader.damage]
+        self.warnings = [f"{name}: {text}" for name, reader in self._readers.items() for text in reader.warnings] + self.warnings
 
     def _steps(self) -> Iterator[dict]:
-        sources = [(reader.header, _checked(name, reader)) for name, reader in self._readers.items()]
+        sources = [(reader.header, _named(name, reader._until_damage(_checked(reader)))) for name, reader in self._readers.items()]
         heads = [next(items, None) for _, items in sources]
         absent = {key for key in _OPTIONAL if not any(head and key in head for head in heads)}
         while any(head is not None for head in heads):
             now = min((head["run"], head["step"]) for head in heads if head is not None)
             present = [i for i, head in enumerate(heads) if head is not None and (head["run"], head["step"]) == now]
-            self._items += 1
+            self.items += 1
             yield self._together(*now, [(sources[i][0], heads[i]) for i in present], absent)
             for i in present:
                 heads[i] = next(sources[i][1], None)
@@ -97,17 +106,25 @@ class JoinedReader(LogReader):
         return item
 
 
-def _checked(name: str, reader: LogReader) -> Iterator[dict]:
+def _named(name: str, items: Iterator[dict]) -> Iterator[dict]:
+    try:
+        yield from items
+    except LogError as error:
+        raise LogError(f"{name}: {error}") from None
+
+
+def _checked(reader: LogReader) -> Iterator[dict]:
     """Items whose arrays are as the log's own header says, so that none of them can shift another's."""
-    sizes, last = lengths(reader.header), (-1, -1)
+    sizes, last = lengths(reader.header), None
     needed = ("estimates_arrived", *(("position_covariance",) if reader.header.positions else ()))
     for item in reader._steps():
-        where = f"{name}: run {item['run']}, step {item['step']}"
+        where = reader._where(last)
         check_arrays(item, sizes, optional(reader.header), where)
         for key in needed:
             if key not in item:
                 raise LogError(f"{where}: {key} is missing")
-        if (item["run"], item["step"]) <= last:
-            raise LogError(f"{where}: comes after run {last[0]}, step {last[1]}")
+        if last is not None and (item["run"], item["step"]) <= last:
+            raise LogError(f"{where}: run {item['run']}, step {item['step']} comes after run {last[0]}, step {last[1]}")
+        check_times(item, reader.header, where)
         last = (item["run"], item["step"])
         yield item

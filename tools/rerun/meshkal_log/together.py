@@ -15,12 +15,15 @@ _COMPARABLE = {"states": "number of states", "positions": "number of position st
 Spans = dict[int, tuple[int, int]]
 
 
-def spans(reader: LogReader) -> Spans:
-    """Reads the whole log."""
+def spans(name: str, reader: LogReader) -> Spans:
+    """Reads the whole log, until it is damaged. Raises LogError if it begins so."""
     out: Spans = {}
-    for item in reader._steps():
-        first, last = out.get(item["run"], (item["step"], item["step"]))
-        out[item["run"]] = (min(first, item["step"]), max(last, item["step"]))
+    try:
+        for run, batch in reader.numbered_batches():
+            first, last = int(batch.step[0]), int(batch.step[-1])
+            out[run] = (out[run][0], last) if run in out else (first, last)
+    except LogError as error:
+        raise LogError(f"{name}: {error}") from None
     return out
 
 

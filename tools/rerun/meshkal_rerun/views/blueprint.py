@@ -14,6 +14,7 @@ from ..numbers.difference import Difference
 from ..numbers.survey import DRAWN_NODES, Survey
 from ..recording import colours
 from ..recording.series import seconds_timeline
+from . import VIEWS
 from . import compare as compare_blueprint
 from . import consensus as consensus_blueprint
 from . import integrity as integrity_blueprint
@@ -24,7 +25,6 @@ from .parts import Shown
 
 
 PLAIN = ("kfc", "kfd")  # without theta and tolerance
-VIEWS = ("overview", "node", "compare", "integrity", "consensus", "summary")
 
 
 def blueprint(
