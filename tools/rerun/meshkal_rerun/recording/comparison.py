@@ -166,4 +166,6 @@ class _Other:
         # The viewer draws in the order of names.
         spread = derive.spread(apart)
         self._series.band(f"{path}/over_nodes/band", times, spread["low"], spread["high"], name=BAND_NAME, color=colours.BAND)
+        for edge in ("low", "high"):
+            self._series.lines(f"{path}/over_nodes/{edge}", times, spread[edge], names=BAND_NAME, colors=colours.BAND, widths=0.7)
         self._series.lines(f"{path}/over_nodes/median", times, spread["median"], names="median", colors=colours.SUMMARY, widths=3.0)
