@@ -22,7 +22,7 @@ def worst(log, count=5):
 
 
 def plots(recording: Recording) -> dict[str, set[str]]:
-    """Entities that each plot of the overview asks for, as the viewer finds them in the recording, by the plot's origin."""
+    """Entities that each plot of the whole network asks for, as the viewer finds them in the recording, by the plot's origin."""
     views: dict[str, dict] = {}
     for chunk in recording.reader.stream(store=recording.reader.blueprints()[0]):
         batch = chunk.to_record_batch()
@@ -32,7 +32,8 @@ def plots(recording: Recording) -> dict[str, set[str]]:
                 view[name.split(":")[-1]] = [value for row in batch.column(name).to_pylist() if row for value in row]
     entities, out = recording.entities(), {}
     for view in views.values():
-        if view.get("class_identifier") == ["TimeSeries"]:
+        (name,) = view.get("display_name", [""])
+        if view.get("class_identifier") == ["TimeSeries"] and ": node " not in name:
             (origin,) = view["space_origin"]
             rules = [rule.strip().replace("$origin", origin) for text in view["query"] for rule in text.split("\n")]
             assert not [rule for rule in rules if rule.startswith("- ")]
@@ -222,6 +223,15 @@ def test_missing_readings_of_a_centre(tmp_path, make):
     assert sum(map(len, expected)) > 2
     recording, _ = convert(log.data(), tmp_path / "run.rrd")
     assert missing_links(recording, log) == expected
+
+
+def test_colours_of_position_errors_are_told_in_metres(tmp_path):
+    log = TrackingLog(steps=9)
+    recording, _ = convert(log.data(), tmp_path / "run.rrd")
+    estimate = log.arrays["estimate"][0].reshape(9, 5, 4)
+    low, high = 10 ** (np.percentile(decibels(np.linalg.norm(estimate[:, :, :2] - log.arrays["truth"][0][:, None, :2], axis=2)), [10, 90]) / 20)
+    assert recording.rows("network/scale/labels", "Points2D:labels", static=True)[2][0][::2] == [f"{low:.2g} m or less", f"{high:.2g} m or more"]
+    assert f"blue {low:.2g} m or less, red {high:.2g} m or more; position error" in recording.summary()
 
 
 @pytest.mark.parametrize("nodes", [5, 20, 130])

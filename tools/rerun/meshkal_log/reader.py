@@ -50,6 +50,7 @@ class LogReader:
     warnings: list[str] = field(init=False, default_factory=list)
     damage: list[str] = field(init=False, default_factory=list)  # those of the warnings that say where the log is damaged
     items: int = field(init=False, default=0)  # read until now, the header among them
+    step: int | None = field(init=False, default=None)  # the last good one, of the runs that are read
     # Called after each step of any run; reading stops where it says True.
     watch: Callable[["LogReader"], bool] | None = field(init=False, default=None)
 
@@ -133,6 +134,7 @@ class LogReader:
                     raise LogError(f"{where}: run {item['run']}, step {item['step']} comes after run {last[0]}, step {last[1]}")
                 check_times(item, header, where)
                 last = item["run"], item["step"]
+                self.step = item["step"]
                 yield item, size
             if self.watch is not None and self.watch(self):
                 self.end = "stopped"

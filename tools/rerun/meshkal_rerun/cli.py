@@ -13,6 +13,7 @@ from typing import BinaryIO
 from meshkal_log.interrupts import Interrupts
 from meshkal_log.reader import LogError
 
+from .live import options as live
 from .views import VIEWS
 
 # rerun, pyarrow and matplotlib are imported where they are needed: they take longer than all the rest of a short command.
@@ -42,28 +43,47 @@ def main(arguments: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if program else arguments
     command = _COMMANDS.get(arguments[0]) if arguments else None
     try:
-        return command(arguments[1:]) if command else _record(_options(arguments), program=program)
+        if command:
+            return command(arguments[1:])
+        options = _options(arguments)
+        return _live(options) if options.live else _record(options, program=program)
     except BrokenPipeError:
         # What reads our standard output has ended; without this, Python complains again when it flushes it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return EXIT_PART
 
 
-def _record(options: argparse.Namespace, *, program: bool) -> int:
-    shown = options.log[0] if len(options.log) == 1 else "joined logs"
-    with Interrupts(stay=program) as interrupts:
-        interrupts.spare = "-" in options.log
+class Work:
+    status = EXIT_BAD
+
+    def __init__(self, interrupts: Interrupts) -> None:
+        self.interrupts = interrupts
+
+
+@contextmanager
+def guarded(names: list[str], shown: str, *, stay: bool = True) -> Iterator[Work]:
+    """A block that reads logs, and says why it could not be ended: `status` is then what the program ends with. stay: that of Interrupts."""
+    with Interrupts(stay=stay) as interrupts:
+        interrupts.spare = "-" in names
+        work = Work(interrupts)
         try:
-            return _written(options, shown, interrupts)
+            yield work
         except KeyboardInterrupt:
-            say("stopped; nothing is written")
-            return interrupts.exit_status
+            say("stopped at once; what was not whole is not written")
+            work.status = interrupts.exit_status
         except LogError as error:
             say(f"{shown}: {error}")
-            return interrupts.exit_status if interrupts.came else EXIT_BAD
+            work.status = interrupts.exit_status if interrupts.came else EXIT_BAD
         except OSError as error:
-            say(_text(error))
-            return EXIT_BAD
+            say(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error))
+            work.status = EXIT_BAD
+
+
+def _record(options: argparse.Namespace, *, program: bool) -> int:
+    shown = options.log[0] if len(options.log) == 1 else "joined logs"
+    with guarded(options.log, shown, stay=program) as work:
+        work.status = _written(options, shown, work.interrupts)
+    return work.status
 
 
 def _written(options: argparse.Namespace, shown: str, interrupts: Interrupts) -> int:
@@ -71,44 +91,42 @@ def _written(options: argparse.Namespace, shown: str, interrupts: Interrupts) ->
     _check_names(options.log, output)
     import rerun as rr
 
-    from .conversion import Wanted, convert
+    from .conversion import Logs, Wanted, convert_logs
 
     # Without it, rerun only warns about what it could not record, and the file would lack data.
     rr.set_strict_mode(True)
-    wanted, status = Wanted(options.run, options.view, options.node), 0
-    if output:
-        with logs(options.log) as opened:
-            status = told(convert(opened, output, wanted, interrupts), shown, output.name, interrupts)
-    if options.png and not interrupts.came:
-        from . import pictures
+    wanted, status, known = Wanted(options.run, options.view, options.node), 0, []
+    with logs(options.log) as streams, ExitStack() as keep:
+        opened = Logs(streams, keep, interrupts)
+        if output:
+            done = convert_logs(opened, output, wanted)
+            known = done.remarks
+            status = told(known, opened, shown, f"{output.name} holds {done.holds}", interrupts)
+        if options.png and not interrupts.came:
+            from . import pictures
 
-        with logs(options.log) as opened:
-            status = max(status, pictures.write(opened, wanted, Path(options.png)))
+            opened.quiet(readings=3)
+            remarks = pictures.write(opened, wanted, Path(options.png))
+            status = told([text for text in remarks if text not in known], opened, shown, f"{options.png} shows what was read before", interrupts)
     return status
 
 
-def told(done: "Converted", shown: str, name: str, interrupts: Interrupts) -> int:  # noqa: F821
-    """Says what there is to say of a recording that was written as `name`; the exit status."""
-    for remark in done.remarks:
-        if remark not in done.damage:
-            say(f"{shown}: warning: {remark}")
-    for damage in done.damage:
-        say(f"{shown}: {damage}; {name} holds {done.holds}")
-    if done.stopped:
-        of = f" of {done.asked}" if done.asked else ""
-        say(f"{shown}: stopped by {done.stopped} at step {done.steps[1]}{of}: {name} holds {done.holds}")
+def told(remarks: list[str], opened: "Logs", shown: str, has: str, interrupts: Interrupts) -> int:  # noqa: F821
+    """Says what there is to say of logs that were read, and what is written of them; the exit status."""
+    opened.quiet()
+    damage = opened.damage
+    for remark in remarks:
+        say(f"{shown}: {remark}; {has}" if remark in damage else f"{shown}: warning: {remark}")
+    if opened.stopped:
+        say(f"{shown}: {opened.stopped}: {has}")
         return interrupts.exit_status
-    return EXIT_PART if done.damage else 0
+    return EXIT_PART if damage else 0
 
 
 def say(text: str) -> None:
     # Where standard error is closed, nobody is told; print would take standard output.
     if sys.stderr is not None:
         print(f"{PROGRAM}: {text}", file=sys.stderr)
-
-
-def _text(error: OSError) -> str:
-    return f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error)
 
 
 def _options(arguments: list[str]) -> argparse.Namespace:
@@ -120,17 +138,15 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--view", choices=VIEWS, help="what is in front when the recording is opened (default: by what is in the log)")
     parser.add_argument("--node", type=node_numbers, default=(), metavar="K[,K...]", help="nodes to show by name, before the worst ones")
     parser.add_argument("--png", metavar="DIR", help="write the views and plots as pictures into DIR; without -o, only these")
-    parser.add_argument("--live", metavar="SOURCE", help="show and record a run while it is written: SOURCE is - (standard input), a log that grows, unix:PATH "
-                        "or udp:[HOST:]PORT")
-    parser.add_argument("--port", type=_port, metavar="P", help="with --live: where the viewer finds it (default: 9876)")
+    live.add_arguments(parser)
     options = parser.parse_args(arguments)
     if options.live:
         if options.log or options.png:
             parser.error("--live SOURCE is instead of a log, and makes no pictures")
+        if not options.output:
+            parser.error("a recording of a live run needs a name: -o RUN.rrd")
     elif not options.log:
         parser.error("no log is given; see --help")
-    elif options.port is not None:
-        parser.error("--port is for --live")
     elif not options.output and not options.png and options.log[0] == "-":
         parser.error("a recording of standard input needs a name: -o RUN.rrd")
     return options
@@ -161,12 +177,6 @@ def node_numbers(text: str) -> tuple[int, ...]:
     return tuple(int(part) for part in parts)
 
 
-def _port(text: str) -> int:
-    if not text.isdecimal() or not 0 < int(text) < 1 << 16:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a port")
-    return int(text)
-
-
 @contextmanager
 def logs(names: list[str]) -> Iterator[dict[str, BinaryIO]]:
     with ExitStack() as streams:
@@ -183,6 +193,14 @@ def _report(arguments: list[str]) -> int:
     from .pictures import report
 
     return report.main(arguments)
+
+
+def _live(options: argparse.Namespace) -> int:
+    # What rerun says of viewers that do not take what is sent, the summary says, too.
+    os.environ.setdefault("RUST_LOG", "warn,re_quota_channel=error")
+    from .live import command
+
+    return command.main(options)
 
 
 def _convert(arguments: list[str]) -> int:

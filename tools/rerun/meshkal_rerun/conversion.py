@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -23,7 +24,7 @@ from meshkal_log.together import Label, check_comparable, groups, labels, spans
 
 from .numbers.difference import Difference, Differences
 from .numbers.survey import ALL_NAMED, Survey, focus, survey
-from .recording import begun
+from .recording import begun as only_begun
 from .recording.colours import Palette
 from .recording.comparison import Compared, Comparison
 from .recording.output import recording_file
@@ -47,10 +48,7 @@ class Wanted:
 @dataclass(frozen=True)
 class Converted:
     remarks: list[str]  # for the user
-    damage: list[str]  # where logs are damaged, if they are
     steps: tuple[int, int] | None  # the first and the last that the recording has
-    asked: int  # steps that the run should have, 0 where nobody said
-    stopped: str | None  # by which signal, before all was read
 
     @property
     def holds(self) -> str:
@@ -61,9 +59,10 @@ class Converted:
 
 
 class Logs:
-    """Logs by their names, that can be read from their beginnings again. Input that cannot go back is kept in a temporary file."""
+    """Logs by their names, that can be read from their beginnings again. Input that cannot go back is kept in a temporary file. readings: how many there
+    will be, for the bar that shows how far they are."""
 
-    def __init__(self, streams: dict[str, BinaryIO], keep: ExitStack, interrupts: Interrupts | None = None) -> None:
+    def __init__(self, streams: dict[str, BinaryIO], keep: ExitStack, interrupts: Interrupts | None = None, *, readings: int = 2) -> None:
         self._interrupts = interrupts or Interrupts()  # never entered: none comes
         self._streams = {name: stream if stream.seekable() else self._kept(name, stream, keep) for name, stream in streams.items()}
         # Who writes into the pipe has ended.
@@ -72,11 +71,9 @@ class Logs:
         # A signal that ended the input lets what came be read.
         self._limit = math.inf if self._interrupts.came else None
         self._keep, self._progress = keep, None
+        self._opened, self._readings = 0, readings
         self._groups: list[list[str]] | None = None  # names of logs that are one log together
-
-    @property
-    def stopped_by(self) -> str | None:
-        return self._interrupts.name if self._interrupts.came else None
+        self._last: dict[str, LogReader] = {}  # by what is said before their warnings
 
     def open(self) -> list[Compared]:
         """The log that is shown, and those that it is compared with. Logs of nodes of one network are one log together."""
@@ -89,7 +86,8 @@ class Logs:
         (first_name, first), *others = whole
         for name, other in others:
             check_comparable(first_name, first.header, name, other.header)
-        self._follow([reader for _, reader in whole])
+        self._last = {f"{name}: " if i else "": reader for i, (name, reader) in enumerate(whole)}
+        self._follow()
         return [Compared(name, label, reader) for (name, reader), label in zip(whole, labels([reader.header for _, reader in whole]))]
 
     def _readers(self) -> dict[str, LogReader]:
@@ -102,15 +100,37 @@ class Logs:
         except LogError as error:
             raise LogError(f"{name}: {error}" if len(self._streams) > 1 else str(error)) from None
 
-    def _follow(self, readers: Sequence[LogReader]) -> None:
-        """All logs are read side by side, twice."""
-        size = sum(self._sizes.values())
-        done = size if self._progress else 0
+    def _follow(self) -> None:
+        """All logs are read side by side."""
+        size, readers = sum(self._sizes.values()), list(self._last.values())
         if not self._progress:
-            self._progress = Progress("reading", 2 * size)
+            self._progress = Progress("reading", self._readings * size)
             self._keep.callback(self._progress.close)
+        done = self._opened * size
+        self._opened += 1
         for reader in readers:
             reader.watch = partial(self._watch, lambda: done + sum(r.position or 0 for r in readers))
+
+    def quiet(self, readings: int = 2) -> None:
+        """Nothing more is shown until the next of so many readings."""
+        if self._progress:
+            self._progress.close()
+        self._progress, self._opened, self._readings = None, 0, readings
+
+    @property
+    def damage(self) -> list[str]:
+        """Those warnings of the last reading that say where logs are damaged."""
+        return [name + text for name, reader in self._last.items() for text in reader.damage]
+
+    @property
+    def stopped(self) -> str | None:
+        """By which signal the last reading was stopped, and where; the end of what comes from a pipe may have been left there."""
+        readers = list(self._last.values())
+        if not self._interrupts.came or not (readers[0].end is None or any(reader.end == "stopped" for reader in readers)):
+            return None
+        steps = readers[0].header.steps
+        place = "before the first step" if readers[0].step is None else f"at step {readers[0].step}" + (f" of {steps}" if steps else "")
+        return f"stopped by {self._interrupts.name} {place}"
 
     def _watch(self, position: Callable[[], int], reader: LogReader) -> bool:
         """Reading stops at the first item after a signal; a later reading goes as far."""
@@ -147,24 +167,32 @@ Into = Path | Callable[[str, rrb.Blueprint], AbstractContextManager[rr.Recording
 
 
 def convert(streams: dict[str, BinaryIO], output: Into, wanted: Wanted, interrupts: Interrupts | None = None) -> Converted:
-    """Writes the recording of one run. Several logs: those of nodes of one network; or of one network by other filters, settings or programs,
-    the first of which is shown and the others are compared with it. output: a file, or what makes a stream of an id and a blueprint. Raises LogError or OSError and leaves
-    a file alone."""
+    """Writes the recording of one run. Several logs: those of nodes of one network; or of one network by other filters, settings or programs, the
+    first of which is shown and the others are compared with it. output: a file, or what makes a stream of an id and a blueprint. Raises LogError or
+    OSError and leaves a file alone."""
     with ExitStack() as keep:
-        logs = Logs(streams, keep, interrupts)
-        planned = plan(logs, wanted)
+        return convert_logs(Logs(streams, keep, interrupts), output, wanted)
+
+
+def convert_logs(logs: Logs, output: Into, wanted: Wanted) -> Converted:
+    """The same of logs that are open."""
+    # A filter that diverged has numbers that overflow; that they are infinite then is shown.
+    with np.errstate(all="ignore"):
+        planned = plan(logs, wanted, begun=True)
         return record(logs, planned, output, wanted) if planned.found.steps else _begun(logs, output, wanted)
 
 
-def plan(logs: Logs, wanted: Wanted) -> Plan:
-    """A log without steps of the run gives one without steps. Raises LogError."""
+def plan(logs: Logs, wanted: Wanted, *, begun: bool = False) -> Plan:
+    """begun: the run may have no steps yet. Raises LogError."""
     shown, *others = logs.open()
     header, scenario = shown.reader.header, parse_scenario(shown.reader.header)
     nodes = _nodes(header, wanted.nodes)
     differences = [Differences(header, other.reader.header, scenario, _named(other, wanted.run)) for other in others]
     found = survey(_beside(shown.reader.batches(wanted.run), differences), header, scenario)
-    if not found.steps and logs.stopped_by:
-        raise LogError(f"stopped by {logs.stopped_by} before the first step of run {wanted.run} was read; nothing is written")
+    if not found.steps and logs.stopped:
+        raise LogError(f"{logs.stopped} of run {wanted.run}; nothing is written")
+    if not found.steps and not begun:
+        raise LogError(f"the log has no step of run {wanted.run}")
     if not found.steps:
         return Plan(header, scenario, found, (), ())
     results = [difference.result() for difference in differences]
@@ -218,15 +246,8 @@ def record(logs: Logs, planned: Plan, output: Into, wanted: Wanted) -> Converted
             last_step = int(batch.step[-1])
             batch = next(batches, None)
         recorder.finish(reader.end, beside.finish() if beside else [])
-    ends = [reader.end, *(other.reader.end for other in others)]
-    return Converted(
-        remarks=reader.warnings + [f"{other.name}: {text}" for other in others for text in other.reader.warnings],
-        damage=reader.damage + [f"{other.name}: {text}" for other in others for text in other.reader.damage],
-        steps=(first_step, last_step),
-        asked=header.steps,
-        # The end of input from a pipe may have been left there.
-        stopped=logs.stopped_by if "stopped" in ends or (logs.stopped_by and reader.end is None) else None,
-    )
+    remarks = reader.warnings + [f"{other.name}: {text}" for other in others for text in other.reader.warnings]
+    return Converted(remarks, (first_step, last_step))
 
 
 def _into(output: Into) -> Callable[[str, rrb.Blueprint], AbstractContextManager[rr.RecordingStream]]:
@@ -237,9 +258,9 @@ def _begun(logs: Logs, output: Into, wanted: Wanted) -> Converted:
     reader = logs.open()[0].reader
     for _ in reader.batches(wanted.run):
         raise LogError("the log has changed while it was read")
-    with _into(output)(recording_id(reader.header, wanted.run), begun.blueprint()) as rec:
-        begun.record(rec, reader.header, parse_scenario(reader.header), wanted.run, reader.end)
-    return Converted([f"the log has no step of run {wanted.run} yet", *reader.warnings], [], None, reader.header.steps, None)
+    with _into(output)(recording_id(reader.header, wanted.run), only_begun.blueprint()) as rec:
+        only_begun.record(rec, reader.header, parse_scenario(reader.header), wanted.run, reader.end)
+    return Converted([f"the log has no step of run {wanted.run} yet", *reader.warnings], None)
 
 
 def _nodes(header: Header, wanted: Sequence[int]) -> tuple[int, ...]:

@@ -4,8 +4,11 @@
 
 import argparse
 import os
+import select
 import stat
 import sys
+import threading
+import time
 from pathlib import Path
 
 # Nothing that takes long is imported here: the viewer asks for every file, and waits.
@@ -17,6 +20,8 @@ EXIT_NOT_OURS = 66
 _MAGIC = b"\x66format\x6bmeshkal-log"
 _MAP_MAJOR_TYPE = 5
 _LONG_COUNTS = {24: 2, 25: 3, 26: 5, 27: 9}
+# The viewer may have all it wants a little before this program ends.
+_GRACE_S = 2.0
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -35,6 +40,15 @@ def main(arguments: list[str] | None = None) -> int:
         return 130
 
 
+def _end_with_the_viewer() -> None:
+    """rerun waits for ever for a thread of its own that could neither write to a viewer that is gone nor tell it so."""
+    output = select.poll()
+    output.register(1, 0)
+    output.poll()
+    time.sleep(_GRACE_S)
+    os._exit(EXIT_DAMAGED)
+
+
 def is_log(path: Path) -> bool:
     """Whether its first bytes are those of a run log."""
     try:
@@ -49,27 +63,29 @@ def is_log(path: Path) -> bool:
 
 
 def _to_stdout(options: argparse.Namespace) -> int:
-    from functools import partial
+    from contextlib import ExitStack
 
     import rerun as rr
 
     from meshkal_log.reader import LogError
 
-    from .conversion import Wanted, convert
+    from .conversion import Logs, Wanted, convert_logs
     from .recording.output import recording_to_stdout
 
     rr.set_strict_mode(True)
+    threading.Thread(target=_end_with_the_viewer, daemon=True).start()
     # An id of its own each time: what is opened again is shown beside what was there, and not added to it.
     into = recording_to_stdout if options.recording_id is None else lambda _, blueprint: recording_to_stdout(options.recording_id, blueprint)
     try:
-        with open(options.path, "rb") as stream:
-            done = convert({str(options.path): stream}, into, Wanted())
+        with open(options.path, "rb") as stream, ExitStack() as keep:
+            logs = Logs({str(options.path): stream}, keep)
+            done = convert_logs(logs, into, Wanted())
     except (LogError, OSError) as error:
         print(f"{options.path}: {error}", file=sys.stderr)
         return EXIT_DAMAGED
     for remark in done.remarks:
         print(f"{options.path}: {remark}", file=sys.stderr)
-    return EXIT_DAMAGED if done.damage else 0
+    return EXIT_DAMAGED if logs.damage else 0
 
 
 if __name__ == "__main__":

@@ -52,12 +52,27 @@ class AgreementRecorder:
         self._over_graph.batch(batch)
         self._summary.batch(batch, found, shares)
 
+    def refresh(self, times: list) -> None:
+        """Of a run that goes on, at one time: what is known by now."""
+        text = self._summary.text(self._over_graph.distances())
+        self._rec.send_columns("agreement/summary", times, rr.TextDocument.columns(text=[text], media_type=["text/markdown"]))
+        bars = self._bars()
+        if bars:
+            self._rec.send_columns("agreement/over_graph", times, rr.BarChart.columns(**{key: [value] for key, value in bars.items()}))
+
     def finish(self) -> None:
         self._smooth.finish()
+        bars = self._bars()
+        if bars:
+            self._rec.log("agreement/over_graph", rr.BarChart(**bars), static=True)
+        text = self._summary.text(self._over_graph.distances())
+        self._rec.log("agreement/summary", rr.TextDocument(text, media_type="text/markdown"), static=True)
+
+    def _bars(self) -> dict[str, object]:
         distances = self._over_graph.distances()
         known = np.isfinite(distances)
-        if known.any():
-            # A bar begins at its place.
-            bars = rr.BarChart(distances[known], abscissa=0.6 + np.flatnonzero(known), widths=np.full(int(known.sum()), 0.8), color=colours.MEDIAN)
-            self._rec.log("agreement/over_graph", bars, static=True)
-        self._rec.log("agreement/summary", rr.TextDocument(self._summary.text(distances), media_type="text/markdown"), static=True)
+        if not known.any():
+            return {}
+        # A bar begins at its place.
+        places, widths = 0.6 + np.flatnonzero(known), np.full(int(known.sum()), 0.8)
+        return {"values": distances[known], "abscissa": places, "widths": widths, "color": colours.MEDIAN}

@@ -16,6 +16,7 @@ PICTURE = "network/held_faulty"
 SCENE = "scene/held_faulty"
 _PAINT = np.array([colours.QUIET, colours.BOUND, colours.MANY, colours.WORST], dtype=np.uint32)
 _ARM = 0.02  # of the extent of the network: half the width of a cross
+_TEXT = 5.0  # of that
 
 
 class IntegrityMarks:
@@ -28,7 +29,9 @@ class IntegrityMarks:
         self._plane = plane_positions(scenario.all_positions_m, header)[: header.nodes]
         self._plane_arm = _ARM * max(float(np.ptp(self._plane, axis=0).max()), 1e-3)
         # Below the disc of the node, which keeps its colour, and wider.
-        rec.log(PICTURE, rr.Points2D.from_fields(radii=-9.0, show_labels=True, draw_order=25.0), static=True)
+        rec.log(PICTURE, rr.Points2D.from_fields(radii=-9.0, show_labels=False, draw_order=25.0), static=True)
+        # Above the node: below it is its number.
+        rec.log(f"{PICTURE}/text", rr.Points2D.from_fields(radii=-0.1, show_labels=True, draw_order=35.0), static=True)
         rec.log(f"{PICTURE}/cross", rr.LineStrips2D.from_fields(radii=-2.0, colors=colours.TRUTH, draw_order=34.0), static=True)
         self._positions = scenario.node_positions_m if scenario.position_states else None
         if self._positions is not None:
@@ -52,6 +55,8 @@ class IntegrityMarks:
         each = np.bincount(at, minlength=len(steps))
         columns = rr.Points2D.columns(positions=self._plane[node], colors=painted, labels=texts)
         self._rec.send_columns(PICTURE, times, columns.partition(each))
+        columns = rr.Points2D.columns(positions=self._plane[node] - (0.0, _TEXT * self._plane_arm), colors=painted, labels=texts)
+        self._rec.send_columns(f"{PICTURE}/text", times, columns.partition(each))
         strips = _crosses(self._plane[node], self._plane_arm)
         self._rec.send_columns(f"{PICTURE}/cross", times, rr.LineStrips2D.columns(strips=strips).partition(2 * each))
         if self._positions is not None:

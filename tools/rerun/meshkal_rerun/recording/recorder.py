@@ -91,6 +91,11 @@ def labels(header: Header, found: Survey) -> list[str]:
     return out
 
 
+def _moved(before: tuple[float, float] | None, now: tuple[float, float] | None) -> bool:
+    """By a decibel."""
+    return now is not None and (before is None or max(abs(a - b) for a, b in zip(before, now)) > 1.0)
+
+
 class Recorder:
     """Takes batches in order, then `finish`. Every row is sent in columns: one row at a time is a hundred times slower."""
 
@@ -170,8 +175,23 @@ class Recorder:
             self._navigation.finish()
         if self._agreement:
             self._agreement.finish()
-        self._summary.more += more
+        self._summary.more = list(more)
         self._rec.log("summary", rr.TextDocument(self._summary.text(end, self._shade_range if self._picture else None), media_type="text/markdown"), static=True)
+
+    def refresh(self, last: Batch, found: Survey, more: Sequence[tuple[str, str]]) -> None:
+        """Of a run that goes on, after its `last` batch: what is known by now. The text is not static: a viewer would keep it for ever."""
+        if self._scene:
+            self._scene.thin()
+        # What the colours mean is static, which viewers and their server keep for ever: it is not sent again for little.
+        if self._picture and _moved(self._shade_range, found.shade_range_db):
+            self._shade_range = found.shade_range_db
+            self._picture.shade(found, self._scenario)
+        self._summary.more = list(more)
+        text = self._summary.text("live", self._shade_range if self._picture else None)
+        times = self._clock.times(last, slice(-1, None))
+        if self._agreement:
+            self._agreement.refresh(times)
+        self._rec.send_columns("summary", times, rr.TextDocument.columns(text=[text], media_type=["text/markdown"]))
 
     def _quantities(self, times: list, each: dict, network: dict) -> None:
         for quantity, values in each.items():

@@ -10,6 +10,8 @@ from ..numbers.survey import DRAWN_NODES
 from . import colours
 
 TRAIL_STEPS = 60
+# Of the whole path of a run that goes on.
+_PATH_POINTS = 20000
 
 ELLIPSOIDS = "scene/ellipsoids_3_sigma"
 OTHERS = "scene/other_estimates"
@@ -99,6 +101,10 @@ class Scene:
         self._recent = send_trail(self._rec, "scene/truth_trail", times, self._recent, positions)
         self._path.append(positions[known])
 
+    def thin(self) -> None:
+        """The path of a run that goes on does not fill the memory: of its older part every second point is left out, again and again."""
+        self._path = thinned(self._path)
+
     def finish(self) -> None:
         if self._path:
             path = np.concatenate(self._path)
@@ -106,6 +112,13 @@ class Scene:
 
     def _style(self, path: str, archetype: type, **fields: object) -> None:
         self._rec.log(path, archetype.from_fields(**fields), static=True)
+
+
+def thinned(path: list[np.ndarray]) -> list[np.ndarray]:
+    if not path:
+        return path
+    whole = np.concatenate(path)
+    return [whole[::2] if len(whole) > _PATH_POINTS else whole]
 
 
 def send_trail(rec: rr.RecordingStream, path: str, times: list, recent: np.ndarray, positions: np.ndarray) -> np.ndarray:

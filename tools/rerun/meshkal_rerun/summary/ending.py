@@ -7,5 +7,6 @@ ENDINGS = {
     "failed": "**the run failed: a node could not go on**",
     "damaged": "**damaged: the rest cannot be read**",
     "stopped": "**not read to its end: the conversion was stopped**",
+    "live": "goes on",
     None: "**cut: the end is missing**",
 }

@@ -57,7 +57,17 @@ class Summary:
             self._last_rms_db = float(network["error_db"]["rms"][-1])
 
     def text(self, end: str | None, colour_range: tuple[float, float] | None) -> str:
-        return "\n\n".join([self._title(), table("Result", self._result(end)), self._legend(colour_range), table("Scenario", self._facts())])
+        result, facts = (table(heading, rows) for heading, rows in self.tables(end).items())
+        return "\n\n".join([self._title(), result, self._legend(colour_range), facts])
+
+    def tables(self, end: str | None) -> dict[str, list[tuple[str, str]]]:
+        """Rows of name and value, in Markdown, by the tables' headings."""
+        return {"Result": self._result(end), "Scenario": self._facts()}
+
+    def title(self) -> tuple[str, str]:
+        """Of the scenario, and of the filter in Markdown."""
+        name, what = self._title().split("\n\n", 1)
+        return name.removeprefix("# "), what
 
     def _title(self) -> str:
         return f"# {self._scenario.name}\n\n{_FILTER_NAMES[self._header.filter]} (`{self._header.filter}`)"
@@ -84,6 +94,7 @@ class Summary:
             rows.append(("estimates missing", self._share("estimates")))
         rows.append(("fault entries", str(self._fault_entries)))
         rows += self.integrity.rows()
+        rows += self.more
         state = ENDINGS[end]
         rows.append(("log", f"{state}, {self._steps} steps, to step {self._last_step}"))
         return rows
@@ -136,7 +147,7 @@ class Summary:
         lines = ["**How to read it**", ""]
         if colour_range:
             low, high = colour_range
-            lines.append(f"- Network: blue {low:.0f} dB or less, red {high:.0f} dB or more; {what}. Grey: unknown.")
+            lines.append(f"- Network: blue {low:.0f} dB or less, red {high:.0f} dB or more; {what}. Grey: unknown. Dashed: nothing arrived over this half of a link.")
         lines += [
             "- Error in dB: 20 log10 of the norm of (truth - estimate); -20 dB is a tenth. A gap: zero, unknown or infinite.",
             "- Test quantity: squared normalised innovation over its degrees of freedom. Around 1: the node's model fits.",

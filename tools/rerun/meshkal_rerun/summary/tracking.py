@@ -122,11 +122,12 @@ class TrackingSummary(Summary):
         return [row for row in own if row[1]] + super()._facts()
 
     def _legend(self, colour_range: tuple[float, float] | None) -> str:
-        what = "position error, dB of 1 m" if self._position_known.any() else "10 log10 of the test quantity (there is no truth)"
         lines = ["**How to read it**", ""]
         if colour_range:
-            low, high = colour_range
-            lines.append(f"- Network: blue {low:.0f} dB or less, red {high:.0f} dB or more; {what}. Grey: unknown.")
+            what, low, high = "10 log10 of the test quantity (there is no truth)", *(f"{value:.0f} dB" for value in colour_range)
+            if self._position_known.any():
+                what, low, high = "position error", *(f"{10.0 ** (value / 20.0):.2g} m" for value in colour_range)
+            lines.append(f"- Network: blue {low} or less, red {high} or more; {what}. Grey: unknown. Dashed: nothing arrived over this half of a link.")
         lines += [
             "- Estimates and covariances are those after the readings and the exchange of an instant.",
             "- Scene: a ring (a sphere in space) is a range limit; a bright point measures now. Its line is as long and points where the "

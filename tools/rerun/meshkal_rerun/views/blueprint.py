@@ -23,7 +23,6 @@ from . import parts as views
 from . import tracking as tracking_blueprint
 from .parts import Shown
 
-
 PLAIN = ("kfc", "kfd")  # without theta and tolerance
 
 
@@ -135,7 +134,8 @@ def _consistency(shown: Shown) -> list[rrb.View]:
         shown.losses("missing_measurements", "Missing measurements{each}"),
     ]
     if header.filter == "rekfd":
-        plots += [shown.plot("theta", "Risk sensitivity theta{each}"), shown.plot("tolerance", "Tolerance c{each}, nats", axis=_tolerance_axis(shown.first))]
+        plots.append(shown.plot("theta", "Risk sensitivity theta{each}"))
+        plots.append(shown.plot("tolerance", "Tolerance c{each}, nats", axis=_tolerance_axis(shown.first)))
     if not header.central:
         what = "messages" if header.tracking else "estimates"
         plots.append(shown.losses(f"missing_{what}", f"Missing {what}" + "{each}"))

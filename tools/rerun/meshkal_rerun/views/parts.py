@@ -61,7 +61,8 @@ class Shown:
 
 def words(name: str | None = None) -> rrb.Container:
     """The text of the summary, and below, as a tab with a name beside it, what happened."""
-    parts = [rrb.TextDocumentView(origin="summary", name="Summary"), text_log("/", "Events", ["/events/**", "/faults/**", "/rejections/**"])]
+    events = text_log("/", "Events", ["/events/**", "/faults/**", "/rejections/**", "/integrity_events/**"])
+    parts = [rrb.TextDocumentView(origin="summary", name="Summary"), events]
     return rrb.Horizontal(*parts, column_shares=[5, 4], name=name) if name else rrb.Vertical(*parts, row_shares=[4, 1])
 
 
