@@ -107,3 +107,28 @@ def test_who_has_nobody_to_agree_with(show, log):
     assert isinstance(said, str) and "nothing for the view consensus" in said
     recording, _ = show(log)
     assert not [entity for entity in recording.entities() if entity.startswith("agreement")]
+
+
+def test_a_run_that_goes_on(tmp_path):
+    """What sums up the run is there before its end."""
+    import io
+
+    import rerun.blueprint as rrb
+    from meshkal_log.reader import LogReader
+    from meshkal_log.scenario import parse_scenario
+    from meshkal_rerun.numbers.survey import unknown
+    from meshkal_rerun.recording.output import recording_file
+    from meshkal_rerun.recording.recorder import Recorder
+
+    reader = LogReader(io.BufferedReader(io.BytesIO(Log(6, 20).data())))
+    found = unknown(reader.header)
+    with recording_file(tmp_path / "run.rrd", "id", rrb.Blueprint()) as rec:
+        recorder = Recorder(rec, reader.header, parse_scenario(reader.header), 0, found, (0, 1))
+        for batch in reader.batches(0):
+            recorder.batch(batch)
+        recorder.refresh(batch, found, [])
+    recording = Recording(tmp_path / "run.rrd")
+    steps, _, texts = recording.rows("agreement/summary", "TextDocument:text")
+    assert steps.tolist() == [19] and "| RMS distance from the mean estimate |" in texts[0][0]
+    steps, _, values = recording.rows("agreement/over_graph", "BarChart:values")
+    assert steps.tolist() == [19] and values[0][0]["shape"] == [2]

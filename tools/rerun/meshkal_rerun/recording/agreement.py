@@ -58,7 +58,7 @@ class AgreementRecorder:
         self._rec.send_columns("agreement/summary", times, rr.TextDocument.columns(text=[text], media_type=["text/markdown"]))
         bars = self._bars()
         if bars:
-            self._rec.send_columns("agreement/over_graph", times, rr.BarChart.columns(**{key: [value] for key, value in bars.items()}))
+            self._rec.send_columns("agreement/over_graph", times, rr.BarChart.columns(**bars))
 
     def finish(self) -> None:
         self._smooth.finish()
@@ -73,6 +73,5 @@ class AgreementRecorder:
         known = np.isfinite(distances)
         if not known.any():
             return {}
-        # A bar begins at its place.
-        places, widths = 0.6 + np.flatnonzero(known), np.full(int(known.sum()), 0.8)
-        return {"values": distances[known], "abscissa": places, "widths": widths, "color": colours.MEDIAN}
+        # A bar begins at its place, and is 1 wide.
+        return {"values": distances[known], "abscissa": 0.5 + np.flatnonzero(known), "color": colours.MEDIAN}

@@ -5,20 +5,24 @@ import rerun.blueprint as rrb
 
 from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario
-from .parts import series
+from ..numbers.agreement import agreement
+from .parts import axis_of_most, series
 
 
 def tab(header: Header, scenario: Scenario, first: Batch) -> rrb.Horizontal:
     unit = ", m" if scenario.position_states else ""
     what = "position" if scenario.position_states else "estimate"
-    left = [series("agreement/distance", f"Distance of a node's {what} from the mean of all{unit}; named nodes, red: largest", ["$origin/**"], legend=True)]
+    begun = agreement(first, scenario)
+    name = f"Distance of a node's {what} from the mean of all{unit}"
+    left = [series("agreement/distance", name, ["$origin/**"], legend=True, axis=axis_of_most(begun.largest))]
     if first.disagreement is not None:
         left.append(series("disagreement", "Disagreement: largest distance of two estimates, m", ["$origin/positions"]))
     if first.consensus_disagreement is not None and header.iterations:
         left.append(consensus(header))
     beside, middle = len(left) > 1, []
     if first.truth is not None:
-        middle.append(series("agreement/error", f"Agreement is not correctness: error of the nodes and of their mean{unit}", ["$origin/**"], legend=True))
+        name = f"Agreement is not correctness: error of the nodes and of their mean{unit}"
+        middle.append(series("agreement/error", name, ["$origin/**"], legend=True, axis=axis_of_most(begun.node_error)))
     if any(len(slots) > 1 for slots in header.slots):
         arrived = rrb.ScalarAxis(range=(-3.0, 103.0))
         messages = series("agreement/arrived", "Messages of neighbours that arrived, %", ["$origin/**"], legend=True, axis=arrived)

@@ -4,6 +4,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn
 
@@ -77,6 +78,14 @@ def series(
 ) -> rrb.TimeSeriesView:
     labels = rrb.PlotLegend(corner, visible=legend)
     return rrb.TimeSeriesView(origin=origin, contents=contents, name=name, plot_legend=labels, axis_x=TIME_AXIS, axis_y=axis)
+
+
+def axis_of_most(values: np.ndarray, least: float = 0.0) -> rrb.ScalarAxis | None:
+    """From 0 to what nearly all values reach: one outlier or the start would otherwise press the rest flat. The view zooms out to them."""
+    known = values[np.isfinite(values) & (values > 0)]
+    if not len(known):
+        return None
+    return rrb.ScalarAxis(range=(0.0, max(least, min(1.05 * float(known.max()), 1.5 * float(np.percentile(known, 97))))))
 
 
 def plot(
