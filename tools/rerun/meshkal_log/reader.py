@@ -5,6 +5,7 @@ import hashlib
 import io
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from operator import itemgetter
 
 import cbor2
 import numpy as np
@@ -81,26 +82,33 @@ class LogReader:
         return self.stream.tell() if self.stream.seekable() else None
 
     def batches(self, run: int) -> Iterator[Batch]:
+        # A running node does not know how often its clock will be put back.
         if run >= self.header.runs and self.header.source != "live":
             raise LogError(f"run {run} is not in the log, which has {self.header.runs} (numbered from 0)")
-        for _, batch in self.numbered_batches(run):
-            yield batch
+        yield from map(itemgetter(1), self.numbered_batches(run))
 
     def numbered_batches(self, run: int | None = None) -> Iterator[tuple[int, Batch]]:
         """Run and batch, of one run or of all, one after another."""
         pending: list[dict] = []
         pending_bytes = 0
+
+        def taken() -> tuple[int, Batch]:
+            # Nothing is kept here: a batch may have some 100 MB.
+            out = pending[0]["run"], _batch(pending, self.header)
+            pending.clear()
+            return out
+
         for item, size in self._until_damage(self._checked(run)):
             if pending and item["run"] != pending[0]["run"]:
-                yield pending[0]["run"], _batch(pending, self.header)
-                pending, pending_bytes = [], 0
+                yield taken()
+                pending_bytes = 0
             pending.append(item)
             pending_bytes += size
             if len(pending) >= BATCH_STEPS or pending_bytes >= BATCH_BYTES:
-                yield item["run"], _batch(pending, self.header)
-                pending, pending_bytes = [], 0
+                yield taken()
+                pending_bytes = 0
         if pending:
-            yield pending[0]["run"], _batch(pending, self.header)
+            yield taken()
 
     def _until_damage(self, items: Iterator) -> Iterator:
         """Ends at the first damage behind something good. LogError before it goes on to the caller."""
