@@ -10,9 +10,10 @@ from rerun.blueprint.encodings import TextLogColumn
 
 from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario
+from ..numbers.comparison import in_metres
 from ..numbers.derive import QUANTILES
 from ..numbers.survey import ALL_NAMED, Survey
-from ..recording.network import bounds, in_metres
+from ..recording.network import bounds
 from ..recording.scene import viewpoint
 
 LEGEND_NODES = 8
