@@ -170,7 +170,7 @@ def test_the_first_difference_is_found(compare, key, step, node):
     assert differing.tolist() == [[step, node * width]]
     said = text(recording)
     name = {"theta": "theta", "estimate": "estimates", "trace_covariance": "trace of the covariance"}[key]
-    assert f"The first difference is in step {step}: {name}." in said
+    assert f"The first difference is in step {step}: {name} (node {node})." in said
     assert row(said, name).startswith(f"{step}, node {node} | 2.5 % |") and said.count(f"| {step}, node") == 1
 
 

@@ -67,6 +67,7 @@ def test_a_simulated_run_beside_the_logs_of_its_nodes(show, tmp_path):
     text = said(recording)
     # Node 2 was away for three of twelve steps; there nothing is known of it.
     assert "| theta | 4, node 2 | 25.0 % | unknown in one |" in text and "| data | recorded | live |" in text
+    assert "| file | 0.cbor | 1.cbor and 5 more |" in text and "The mean of the differences" not in text
     recording, _ = show(Log(5, truth=False), some(Log(5, truth=False), [1, 3]))
     assert "Equal bit for bit in all 12 steps" in said(recording)
 
@@ -78,7 +79,7 @@ def test_a_planted_difference_of_one_node(show):
     log.arrays["estimate"] = values
     recording, _ = show(Log(5, truth=False), log)
     text = said(recording)
-    assert "The first difference is in step 9: estimates." in text and "| estimates | 9, node 3 | 8.3 % |" in text
+    assert "The first difference is in step 9: estimates (node 3)." in text and "| estimates ever differ of | 1 of 2 nodes: node 3 |" in text and "| estimates | 9, node 3 | 8.3 % |" in text
 
 
 def test_parts_of_two_networks_stand_beside_each_other(show):

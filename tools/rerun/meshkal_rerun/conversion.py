@@ -88,7 +88,14 @@ class Logs:
             check_comparable(first_name, first.header, name, other.header)
         self._last = {f"{name}: " if i else "": reader for i, (name, reader) in enumerate(whole)}
         self._follow()
-        return [Compared(name, label, reader) for (name, reader), label in zip(whole, labels([reader.header for _, reader in whole]))]
+        texts = labels([reader.header for _, reader in whole])
+        return [Compared(name, label, reader, self._shown(names)) for (name, reader), label, names in zip(whole, texts, self._groups)]
+
+    def _shown(self, names: Sequence[str]) -> str:
+        """The file without its folder, where that is enough, and how many more belong to it."""
+        short = [Path(name).name for name in self._streams]
+        first = Path(names[0]).name if len(set(short)) == len(short) else names[0]
+        return first + (f" and {len(names) - 1} more" if len(names) > 1 else "")
 
     def _readers(self) -> dict[str, LogReader]:
         return {name: self._reader(name) for name in self._streams}

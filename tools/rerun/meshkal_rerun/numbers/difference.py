@@ -33,6 +33,7 @@ class Divergence:
     where: str = ""  # of the first, who differs
     largest: float = 0.0  # difference of two finite numbers
     unknown: bool = False  # where they differ, one of them is not finite
+    pairs: np.ndarray | None = None  # (pairs,): who differs in any step; None: not of estimators
 
 
 @dataclass(frozen=True)
@@ -138,13 +139,15 @@ class Differences:
                         alone.add(key)
                 continue
             a, b = (_flat(values, of) for values, of in ((a, mine), (b, theirs)))
-            record = self._out.quantities.setdefault(key, Divergence())
+            record = self._out.quantities.setdefault(key, Divergence(pairs=np.zeros(len(self._pairing), dtype=bool) if width else None))
             record.steps += len(a)
             differs = _differs(a, b)
             rows = np.flatnonzero(differs.any(axis=1))
             record.differing += len(rows)
             if not len(rows):
                 continue
+            if width:
+                record.pairs |= differs.any(axis=0).reshape(-1, width).any(axis=1)
             if record.first is None:
                 record.first = int(both.mine.step[rows[0]])
                 record.where = self._where(np.flatnonzero(differs[rows[0]]), width)

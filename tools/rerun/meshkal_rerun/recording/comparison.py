@@ -36,6 +36,7 @@ class Compared:
     name: str  # of the file
     label: Label
     reader: LogReader
+    files: str = ""  # as a text says which they are
     found: Difference | None = None  # after the first reading
 
 
@@ -62,7 +63,7 @@ class Comparison:
         """Returns rows for the summary."""
         for other in self._others:
             other.finish()
-        every = [(log.name, log.label, log.reader.header) for log in (self._shown, *(other.compared for other in self._others))]
+        every = [(log.files, log.label, log.reader.header) for log in (self._shown, *(other.compared for other in self._others))]
         found = [other.compared.found for other in self._others]
         summary = compare.text(every[0], every[1:], found)
         self._rec.log("compare/summary", rr.TextDocument(summary, media_type="text/markdown"), static=True)

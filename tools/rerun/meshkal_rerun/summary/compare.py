@@ -12,6 +12,7 @@ from ..numbers.difference import Difference, Divergence, Extreme
 from .linear import db, table
 
 _LARGEST_TABLE = 40
+_LISTED = 5
 # First what a node computes from nothing but itself and its input.
 _NAMES = {
     "truth": "truth", "measurements": "readings", "measurements_arrived": "readings that arrived", "estimates_arrived": "estimates that arrived",
@@ -78,6 +79,11 @@ def _one(mine: str, theirs: str, d: Difference, *, several: bool) -> list[str]:
         unit = " m" if d.metres else ""
         rows.append(("RMS distance of the estimates", f"{math.sqrt(d.apart_squares / d.apart_known):.3g}{unit}"))
         rows.append(("largest distance", f"{d.farthest.value:.3g}{unit}{_where(d, d.farthest)}"))
+    estimates = d.quantities.get("estimate")
+    if len(d.pairing) > 1 and estimates is not None and 0 < estimates.pairs.sum() < len(d.pairing):
+        who = [d.pairing.name(int(pair)) for pair in np.flatnonzero(estimates.pairs)]
+        listed = ", ".join(who[:_LISTED]) + (", .." if len(who) > _LISTED else "")
+        rows.append(("estimates ever differ of", f"{len(who)} of {len(d.pairing)} nodes: {listed}"))
     alone = "".join(f", {count} only in {name}" for count, name in ((d.only_mine, mine), (d.only_theirs, theirs)) if count)
     rows.append(("steps compared", f"{d.steps}{alone}"))
     return [*parts, table(f"{mine} less {theirs}", rows)]
@@ -99,7 +105,7 @@ def _verdict(mine: str, theirs: str, d: Difference) -> str:
             lines.append(f"**No clear difference** of the errors: {_db(d.mean.value)}, 95 % interval {d.mean.low:+.2g} to {_db(d.mean.high)}.")
         else:
             lines.append(f"**{mine if d.mean.value < 0 else theirs} is better**, by {size} on average.")
-    what = [_name(key) for key, q in _ordered(d) if q.first == first]
+    what = [_name(key) + (f" ({q.where})" if q.where else "") for key, q in _ordered(d) if q.first == first]
     lines.append(f"The first difference is in step {first}: {', '.join(what[:3])}{', ..' if len(what) > 3 else ''}.")
     return " ".join(lines)
 
@@ -153,13 +159,16 @@ def _name(key: str) -> str:
 
 def _legend(mine: str, found: Sequence[Difference]) -> str:
     of = "position error" if found[0].metres else "norm of (truth - estimate)"
-    return "\n".join([
-        "**How to read it**", "",
+    of_errors = [
         f"- Difference: error of {mine} less that of the other log, in dB (20 log10 of the {of}), of the same node in the same step. Below 0 (blue) "
         f"{mine} is better, above 0 (orange) the other one. -6 dB is half of the error.",
         "- The mean of the differences in dB weighs all steps alike; the RMS is mostly that of the largest errors. They need not have the same sign.",
         "- The interval takes into account that neighbouring steps depend on each other (batch means).",
-        *(["- A centre stands beside each node."] if not all(d.pairing.same_kind for d in found) else []),
         "- A gap: the error of one of them is 0 or unknown.",
+    ]
+    return "\n".join([
+        "**How to read it**", "",
+        *(of_errors if any(d.judged for d in found) else []),
+        *(["- A centre stands beside each node."] if not all(d.pairing.same_kind for d in found) else []),
         "- Equal is bit for bit; of different precisions: the same number. What only one log has is not compared.",
     ])

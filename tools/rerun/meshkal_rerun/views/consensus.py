@@ -37,5 +37,5 @@ def tab(header: Header, scenario: Scenario, first: Batch) -> rrb.Horizontal:
 
 def consensus(header: Header) -> rrb.View:
     """Of duif, over its iterations."""
-    name = f"Consensus: distance of information matrices from their mean, dB; red: before, blue: after {header.iterations} iterations"
+    name = f"Consensus: distance from the mean, dB; red: before, blue: after {header.iterations} iterations"
     return series("consensus", name, ["$origin/**"])
