@@ -155,12 +155,15 @@ class Viewers(threading.Thread):
         if window_s:
             # Relative to the time that is followed; nanoseconds, which on the axis of steps is all of them.
             ends = (rrb.TimeRangeBoundary.cursor_relative(seconds=s) for s in (-window_s, 0.0))
-            _set_axes(shown.root_container, rrb.TimeAxis(view_range=rrb.TimeRange(*ends)))
+            set_axes(shown.root_container, rrb.TimeAxis(view_range=rrb.TimeRange(*ends)))
         return shown
 
 
-def _set_axes(part: rrb.Container | rrb.View, axis: rrb.TimeAxis) -> None:
-    for inner in getattr(part, "contents", ()) if isinstance(part, rrb.Container) else ():
-        _set_axes(inner, axis)
-    if isinstance(part, rrb.View) and "TimeAxis" in part.properties:
+def set_axes(part: rrb.Container | rrb.View, axis: rrb.TimeAxis) -> int:
+    """Of all plots in it; how many there are."""
+    if isinstance(part, rrb.View):
+        if "TimeAxis" not in part.properties:
+            return 0
         part.properties["TimeAxis"] = axis
+        return 1
+    return sum(set_axes(inner, axis) for inner in part.contents)
