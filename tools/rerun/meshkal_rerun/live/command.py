@@ -67,7 +67,7 @@ class _Session:
 
     def go(self) -> int:
         self._viewers.start()
-        print(f"{PROGRAM}: to look at it:  rerun {self._url}", file=sys.stderr, flush=True)
+        print(f"{PROGRAM}: to look at it:  rerun --connect {self._url}", file=sys.stderr, flush=True)
         if self._options.spawn:
             _spawn(self._url)
         can_end = True
@@ -138,9 +138,14 @@ class _Session:
             _say(f"{self._output}: {error}")
             self._say_kept()
             return EXIT_PART
-        for log in keeping.logs.values():
-            log.path.unlink()
-        _say(f"{self._output}: {keeping.steps} steps, to step {keeping.last_step}")
+        recorded = keeping.steps - keeping.other_runs
+        _say(f"{self._output}: {recorded} steps{f', to step {keeping.last_step}' if recorded else ''}")
+        if keeping.other_runs and keeping.from_nodes:
+            # A clock was put back, and nothing else has what came afterwards.
+            self._say_kept()
+        else:
+            for log in keeping.logs.values():
+                log.path.unlink()
         return status
 
     def _remarks(self) -> list[str]:
@@ -148,7 +153,7 @@ class _Session:
         if self._queue.dropped:
             out.append(f"{self._queue.dropped} steps were not shown live: a viewer was too slow; the recording has them")
         if self._keeping.other_runs:
-            out.append(f"{self._keeping.other_runs} steps are of other runs than {self._options.run}")
+            out.append(f"{self._keeping.other_runs} steps are of other runs than {self._options.run}, and neither shown nor recorded")
         if self._viewers.failure:
             out.append(f"nothing was shown live any more: {self._viewers.failure}")
         return out
@@ -203,7 +208,7 @@ def _spawn(url: str) -> None:
 
     # It stays when this program ends, and does not get its Ctrl-C.
     program = Path(rerun_cli.__file__).with_name("rerun")
-    subprocess.Popen([program, url], start_new_session=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    subprocess.Popen([program, "--connect", url, "--bind", LOCAL], start_new_session=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 def _say(text: str) -> None:
