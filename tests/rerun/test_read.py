@@ -109,6 +109,25 @@ def test_a_run_or_all(tmp_path):
         meshkal_log.read(tmp_path / "run.cbor", run=3)
 
 
+def test_a_live_log_whose_clock_was_put_back():
+    log = Log(nodes=2, steps=3, runs=2, truth=False)
+    log.header["source"] = "live"
+    items = log.items()
+    log.header["runs"] = 1
+    data = log.items()[0] + b"".join(items[1:])
+    np.testing.assert_array_equal(meshkal_log.read(stream(data), run=1).theta, log.arrays["theta"][1])
+    assert [run.run for run in meshkal_log.read_runs(stream(data))] == [0, 1]
+    with pytest.raises(LogError, match="no step of run 2"):
+        meshkal_log.read(stream(data), run=2)
+
+
+def test_a_header_that_asks_for_too_much():
+    log = Log(nodes=2, steps=1)
+    log.header["states"] = 10**15
+    with pytest.raises(LogError, match="states are more"):
+        meshkal_log.read(stream(log.items()[0]))
+
+
 def test_cut_log(tmp_path):
     log = Log(nodes=3, steps=10, runs=2)
     items = log.items()

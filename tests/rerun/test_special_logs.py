@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Logs that are whole and out of the ordinary: no steps, one node, no numbers, fields of a later version."""
 
+import io
+
 import cbor2
 import numpy as np
 import pytest
@@ -37,7 +39,8 @@ def test_a_run_that_has_not_begun(tmp_path):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e308, 0.0])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1e308, 0.0])
+@pytest.mark.filterwarnings("error")  # they would be seen
 def test_numbers_that_are_none(tmp_path, kind, value):
     """Everything that a filter computes is not a number, or infinite, or too large."""
     log = kind(steps=6)
@@ -105,7 +108,6 @@ def test_a_satellite_is_named_by_its_number():
     from meshkal_log.fields import Header
     from meshkal_log.reader import LogReader
     from meshkal_rerun.conversion import _nodes, _ranges
-    import io
 
     header: Header = LogReader(io.BufferedReader(io.BytesIO(NavigationLog().data()))).header
     assert _nodes(header, [header.satellites[3], header.satellites[0]]) == (3, 0)

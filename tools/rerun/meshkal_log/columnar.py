@@ -2,7 +2,7 @@
 """Writes tables as CSV or Parquet, a file each, in a folder."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
@@ -15,7 +15,7 @@ import pyarrow.parquet
 from .fields import Batch, Header
 from .layout import Axis, as_texts
 from .run import times
-from .tables import TIME_COLUMNS, Column, Table
+from .tables import TIME_COLUMNS, Column, Table, tables_of
 
 CSV, PARQUET = "csv", "parquet"
 # Rows that are turned into columns at once: what a batch of a large network would take in one piece is some 100 MB.
@@ -50,11 +50,15 @@ class _TableWriter:
             steps = slice(first, first + steps_each)
             count = len(batch.step[steps])
             fixed = iter(self._fixed(count))
+
+            def column(c: Column) -> pa.Array:
+                return next(fixed) if c.fixed is not None else self._array(np.ascontiguousarray(c.values(batch, steps)).reshape(-1))
+
             yield [
                 pa.array(np.full(count * rows, run, dtype=np.int64)),
                 self._of_steps(batch.step[steps], rows),
                 self._of_steps(seconds[steps], rows),
-                *(next(fixed) if c.fixed is not None else self._array(np.ascontiguousarray(c.values(batch, steps)).reshape(-1)) for c in self.table.columns),
+                *map(column, self.table.columns),
             ]
 
     def _fixed(self, count: int) -> list[pa.Array]:
@@ -124,10 +128,11 @@ class _CsvTable(_TableWriter):
 class FolderWriter:
     """All tables. Two are written at a time, while the next batch is read."""
 
-    def __init__(self, form: str, folder: Path, header: Header, tables: Sequence[Table], header_item: dict) -> None:
-        self._folder, self._form, self._header_item, self._tables = folder, form, header_item, tables
+    def __init__(self, form: str, folder: Path, header: Header, first: Batch, header_item: dict) -> None:
+        self._folder, self._form, self._header_item = folder, form, header_item
+        self._tables = tables_of(header, first)
         kind = _CsvTable if form == CSV else _ParquetTable
-        writers = [kind(table, header, folder, header_item) for table in tables]
+        writers = [kind(table, header, folder, header_item) for table in self._tables]
         # The longest first, so that both threads end at about the same time.
         self._writers = sorted(writers, key=lambda w: -w.table.rows * (len(w.table.columns) + len(TIME_COLUMNS)))
         self._pool = ThreadPoolExecutor(2)

@@ -4,7 +4,8 @@
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 
 from .fields import Batch
@@ -14,7 +15,6 @@ from .output import whole_file, whole_folder
 from .progress import Progress
 from .reader import LogError, LogReader
 from .run import nothing
-from .tables import tables_of
 
 PROGRAM = "meshkal-rerun convert"
 CSV, PARQUET, MCAP = FORMS = ("csv", "parquet", "mcap")
@@ -29,49 +29,51 @@ def convert(
     progress: Callable[[int], None] | None = None,
     watch: Callable[[LogReader], bool] | None = None,
 ) -> list[str]:
-    """Writes one run of a log, or of logs of nodes of one network; with `run` None all runs, which MCAP cannot have. The form is `to`, or what the
-    name of `output` says. Calls `progress` with the number of steps that it has read on; `watch` is that of
-    `LogReader`. Returns warnings for the user. Raises LogError or OSError and
-    leaves `output` as it was."""
+    """Writes one run of a log, or of logs of nodes of one network; with `run` None all runs, which MCAP cannot have. The form is `to`, or
+    what the name of `output` says. Calls `progress` with the number of steps after each batch of them; `watch` is that of `LogReader`. Returns
+    warnings for the user. Raises LogError or OSError and leaves `output` as it was."""
     output = Path(output)
     form = form_of(output, to)
     if form == MCAP and run is None:
         raise LogError("an MCAP file has one run, because runs are at the same times; name it with --run")
+    # pyarrow and protobuf take longer to import than many logs to read.
+    from .columnar import FolderWriter, own_files
+    from .mcap_file import McapFile
+
     with opened(source) as reader:
         reader.watch = watch
         batches = batches_of(reader, run)
-        first = next(batches, None)
-        # Such a log has nothing but its header; so do the tables.
-        first = first or (run or 0, nothing(reader.header))
-        if form == MCAP:
-            from .mcap_file import McapFile
-
-            with whole_file(output) as temporary:
-                _write(McapFile(temporary, reader.header, first[1], reader.header_item), reader, first, batches, progress)
-        else:
-            from .columnar import FolderWriter, own_files
-
-            with whole_folder(output, own_files(form)) as temporary:
-                tables = tables_of(reader.header, first[1])
-                _write(FolderWriter(form, temporary, reader.header, tables, reader.header_item), reader, first, batches, progress)
+        # A log without a step has nothing but its header; so do the tables.
+        first = next(batches, None) or (run or 0, nothing(reader.header))
+        with whole_file(output) if form == MCAP else whole_folder(output, own_files(form)) as temporary:
+            if form == MCAP:
+                writer = McapFile(temporary, reader.header, first[1], reader.header_item)
+            else:
+                writer = FolderWriter(form, temporary, reader.header, first[1], reader.header_item)
+            batches = chain([first], batches)
+            del first  # some 100 MB
+            _write(writer, reader, batches, progress)
         return reader.warnings
 
 
-def _write(writer: object, reader: LogReader, first: tuple[int, Batch], batches: object, progress: Callable[[int], None] | None) -> None:
+def _write(writer: object, reader: LogReader, batches: Iterator[tuple[int, Batch]], progress: Callable[[int], None] | None) -> None:
     try:
-        number, batch = first
-        while True:
+        present = None
+        for number, batch in batches:
+            present = present or _present(batch)
+            if _present(batch) != present:
+                raise LogError(f"run {number}: {', '.join(sorted(_present(batch) ^ present))} is in some runs and not in others")
             writer.batch(number, batch)
             if progress:
                 progress(len(batch.step))
-            del batch
-            following = next(batches, None)
-            if following is None:
-                break
-            number, batch = following
+            del batch  # before the next one is read
         writer.finish({"end": reader.end or "cut", "warnings": reader.warnings})
     finally:
         writer.stop()
+
+
+def _present(batch: Batch) -> set[str]:
+    return {key for key, value in vars(batch).items() if value is not None}
 
 
 def form_of(output: Path, to: str | None) -> str:

@@ -48,7 +48,7 @@ class JoinedReader(LogReader):
         self.header_item = next(iter(readers.values())).header_item | own
         self.end, self.watch = None, None
         self.warnings, self.damage = [], []
-        self.items, self._last, self._start = 0, None, None
+        self.items, self.step, self._last, self._start = 0, None, None, None
 
     @property
     def position(self) -> int | None:

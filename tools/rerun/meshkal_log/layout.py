@@ -42,7 +42,9 @@ _STEP, _EACH, _NODE, _ROW, _SLOT, _PAIR = Axis
 ARRAYS = {
     "truth": Array(_STEP, "true state", inner=Inner.STATES),
     "disagreement": Array(_STEP, "largest distance between the positions of two estimates", "m"),
-    "consensus_disagreement": Array(_STEP, "largest relative distance of a node's information from the mean, after so many iterations", inner=Inner.ITERATIONS),
+    "consensus_disagreement": Array(
+        _STEP, "largest relative distance of a node's information from the mean, after so many iterations", inner=Inner.ITERATIONS
+    ),
     "correction": Array(_STEP, "what the update found, in the error's states", inner=Inner.STATES),
     "estimate": Array(_EACH, "estimated state", inner=Inner.STATES),
     "variance": Array(_EACH, "diagonal of the covariance that the node holds", inner=Inner.STATES),
@@ -87,6 +89,8 @@ ARRAYS = {
     "innovation_covariance": Array(_PAIR, "H P H' + R, NaN where there is no reading", "m^2"),
 }
 
+_MOST_STATES = 1 << 16  # a scenario has 64 at most
+
 _NAVIGATION_STATES = {
     **dict.fromkeys(("roll", "pitch", "heading"), "rad"),
     **dict.fromkeys(("velocity_east", "velocity_north", "velocity_up"), "m/s"),
@@ -124,6 +128,8 @@ def as_texts(items: dict) -> dict[str, str]:
 
 def states_of(header: Header) -> States:
     """Of a linear scenario, whose states have no names, their numbers. Names that cannot be parts of a column's are numbers, too."""
+    if header.states > _MOST_STATES:
+        raise LogError(f"header: {header.states} states are more than there can be")
     model = scenario_of(header).get("model")
     model = model if isinstance(model, dict) else {}
     numbers = tuple(str(i) for i in range(header.states))
@@ -132,13 +138,17 @@ def states_of(header: Header) -> States:
         return States(names, units, names[6:9])
     if header.tracking:
         given = model.get("states")
-        usable = isinstance(given, list) and len(given) == len(numbers) and all(isinstance(n, str) and n.isascii() and n.isidentifier() for n in given)
-        names = tuple(given) if usable and len({n.lower() for n in given}) == len(given) else numbers
+        names = tuple(given) if _usable(given, header.states) else numbers
         position = tuple(name for name in ("px", "py", "pz") if name in names)
         return States(names, tuple(_TRACKING_UNITS.get(name, "") for name in names), _position(position, header))
     given = model.get("position_states")
     valid = isinstance(given, list) and all(type(i) is int and 0 <= i < header.states for i in given)
     return States(numbers, ("",) * header.states, _position(tuple(str(i) for i in given) if valid else (), header))
+
+
+def _usable(names: object, count: int) -> bool:
+    valid = isinstance(names, list) and all(isinstance(name, str) and name.isascii() and name.isidentifier() for name in names)
+    return valid and len({name.lower() for name in names}) == len(names) == count
 
 
 def _position(names: tuple[str, ...], header: Header) -> tuple[str, ...]:

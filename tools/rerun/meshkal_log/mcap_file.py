@@ -109,7 +109,8 @@ class McapFile:
         index["channel"] = 1 + np.arange(len(index))
         index["bytes"] = entry.itemsize * len(log_time)
         index["entries"]["time"] = log_time
-        index["entries"]["offset"] = self._messages.offsets[:, None] + np.uint64(self._messages.step_bytes) * np.arange(len(log_time), dtype=np.uint64)
+        steps = np.uint64(self._messages.step_bytes) * np.arange(len(log_time), dtype=np.uint64)
+        index["entries"]["offset"] = self._messages.offsets[:, None] + steps
         return index
 
     def finish(self, last: dict) -> None:

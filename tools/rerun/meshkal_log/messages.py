@@ -13,21 +13,25 @@ from .run import times
 from .tables import Column, Table
 
 PACKAGE = "meshkal"
-_MESSAGE = {Axis.STEP: "Step", Axis.ESTIMATOR: "Node", Axis.NODE: "Sensor", Axis.ROW: "Reading", Axis.SLOT: "Links", Axis.PAIR: "InnovationCovariance"}
+_MESSAGE = {
+    Axis.STEP: "Step", Axis.ESTIMATOR: "Node", Axis.NODE: "Sensor", Axis.ROW: "Reading", Axis.SLOT: "Links", Axis.PAIR: "InnovationCovariance"
+}
 # Tables with more rows than one would want topics: the rows of a topic are a repeated field of one message. Its name, and that of its type.
 _REPEATED = {Axis.SLOT: ("links", "Link"), Axis.PAIR: ("pairs", "Pair")}
+
+_ITEMS = 2  # number of the repeated field, after the step
 
 _Field = descriptor_pb2.FieldDescriptorProto
 _VARINT, _BITS64, _BYTES, _BITS32 = 0, 1, 2, 5
 # Of a column: protobuf's type, wire type, and the bytes. One byte of a varint holds up to 127: a flag, or a decision.
 _WIRE = {
-    "?": (_Field.TYPE_BOOL, _VARINT, "u1"),
-    "B": (_Field.TYPE_UINT32, _VARINT, "u1"),
-    "I": (_Field.TYPE_FIXED32, _BITS32, "<u4"),
-    "i": (_Field.TYPE_FIXED32, _BITS32, "<u4"),
-    "l": (_Field.TYPE_FIXED64, _BITS64, "<u8"),
-    "f": (_Field.TYPE_FLOAT, _BITS32, "<f4"),
-    "d": (_Field.TYPE_DOUBLE, _BITS64, "<f8"),
+    "b1": (_Field.TYPE_BOOL, _VARINT, "u1"),
+    "u1": (_Field.TYPE_UINT32, _VARINT, "u1"),
+    "u4": (_Field.TYPE_FIXED32, _BITS32, "<u4"),
+    "i4": (_Field.TYPE_FIXED32, _BITS32, "<u4"),
+    "i8": (_Field.TYPE_FIXED64, _BITS64, "<u8"),
+    "f4": (_Field.TYPE_FLOAT, _BITS32, "<f4"),
+    "f8": (_Field.TYPE_DOUBLE, _BITS64, "<f8"),
 }
 _RECORD = [(".opcode", "u1"), (".length", "<u8"), (".channel", "<u2"), (".sequence", "<u4"), (".log_time", "<u8"), (".publish_time", "<u8")]
 _MESSAGE_OPCODE, _LENGTH_BEFORE = 5, 9
@@ -77,7 +81,9 @@ class Messages:
             _describe(message, column, number)
         if axis in _REPEATED:
             name, kind = _REPEATED[axis]
-            message.field.add(name=name, json_name=name, number=2, label=_Field.LABEL_REPEATED, type=_Field.TYPE_MESSAGE, type_name=f".{PACKAGE}.{kind}")
+            message.field.add(
+                name=name, json_name=name, number=_ITEMS, label=_Field.LABEL_REPEATED, type=_Field.TYPE_MESSAGE, type_name=f".{PACKAGE}.{kind}"
+            )
             item = file.message_type.add(name=kind)
             for column, number in _items(axis, table):
                 _describe(item, column, number)
@@ -100,7 +106,7 @@ class Messages:
             if group.axis in _REPEATED:
                 columns = _items(group.axis, group.table)
                 items = records[".items"]
-                items[".tag"] = np.frombuffer(_varint(2 << 3 | _BYTES), "u1")
+                items[".tag"] = np.frombuffer(_varint(_ITEMS << 3 | _BYTES), "u1")
                 items[".size"] = np.frombuffer(_varint(_size(columns)), "u1")
                 _put_tags(items, columns)
                 for column, _ in columns:
@@ -168,20 +174,20 @@ def _items(axis: Axis, table: Table) -> list[tuple[Column, int]]:
 
 def _describe(message: descriptor_pb2.DescriptorProto, column: Column, number: int) -> None:
     # With a name in JSON of their own, a_b and aB are no conflict.
-    message.field.add(name=column.name, json_name=column.name, number=number, label=_Field.LABEL_OPTIONAL, type=_WIRE[column.dtype.char][0])
+    message.field.add(name=column.name, json_name=column.name, number=number, label=_Field.LABEL_OPTIONAL, type=_WIRE[column.dtype.str[1:]][0])
 
 
 def _fields(columns: list[tuple[Column, int]]) -> list[tuple]:
     out: list[tuple] = []
     for column, number in columns:
-        _, wire, form = _WIRE[column.dtype.char]
+        _, wire, form = _WIRE[column.dtype.str[1:]]
         out += [(f".tag {column.name}", "u1", (len(_varint(number << 3 | wire)),)), (column.name, form)]
     return out
 
 
 def _put_tags(records: np.ndarray, columns: list[tuple[Column, int]]) -> None:
     for column, number in columns:
-        records[f".tag {column.name}"] = np.frombuffer(_varint(number << 3 | _WIRE[column.dtype.char][1]), "u1")
+        records[f".tag {column.name}"] = np.frombuffer(_varint(number << 3 | _WIRE[column.dtype.str[1:]][1]), "u1")
 
 
 def _size(columns: list[tuple[Column, int]]) -> int:
@@ -192,7 +198,7 @@ def _record(group: _Group) -> np.dtype:
     form = _RECORD + _fields(_outer(group.axis, group.table))
     if group.axis in _REPEATED:
         columns = _items(group.axis, group.table)
-        item = [(".tag", "u1", (len(_varint(2 << 3 | _BYTES)),)), (".size", "u1", (len(_varint(_size(columns))),)), *_fields(columns)]
+        item = [(".tag", "u1", (len(_varint(_ITEMS << 3 | _BYTES)),)), (".size", "u1", (len(_varint(_size(columns))),)), *_fields(columns)]
         form.append((".items", np.dtype(item), (group.rows.shape[1],)))
     return np.dtype(form)
 

@@ -45,5 +45,9 @@ def opened(source: Source | Sequence[Source]) -> Iterator[LogReader]:
 
 def batches_of(reader: LogReader, run: int | None) -> Iterator[tuple[int, Batch]]:
     """(run, batch by `whole_rows`) of one run, or of all, one after another, in one pass; `reader.end` and `reader.warnings` are whole afterwards."""
+    found = False
     for number, batch in reader.numbered_batches() if run is None else ((run, batch) for batch in reader.batches(run)):
+        found = True
         yield number, whole_rows(batch, reader.header)
+    if run is not None and not found and run >= reader.header.runs:
+        raise LogError(f"the log has no step of run {run}")

@@ -5,6 +5,7 @@ import hashlib
 import io
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from operator import itemgetter
 
 import cbor2
 import numpy as np
@@ -50,6 +51,7 @@ class LogReader:
     warnings: list[str] = field(init=False, default_factory=list)
     damage: list[str] = field(init=False, default_factory=list)  # those of the warnings that say where the log is damaged
     items: int = field(init=False, default=0)  # read until now, the header among them
+    step: int | None = field(init=False, default=None)  # the last good one, of the runs that are read
     # Called after each step of any run; reading stops where it says True.
     watch: Callable[["LogReader"], bool] | None = field(init=False, default=None)
 
@@ -80,26 +82,33 @@ class LogReader:
         return self.stream.tell() if self.stream.seekable() else None
 
     def batches(self, run: int) -> Iterator[Batch]:
+        # A running node does not know how often its clock will be put back.
         if run >= self.header.runs and self.header.source != "live":
             raise LogError(f"run {run} is not in the log, which has {self.header.runs} (numbered from 0)")
-        for _, batch in self.numbered_batches(run):
-            yield batch
+        yield from map(itemgetter(1), self.numbered_batches(run))
 
     def numbered_batches(self, run: int | None = None) -> Iterator[tuple[int, Batch]]:
         """Run and batch, of one run or of all, one after another."""
         pending: list[dict] = []
         pending_bytes = 0
+
+        def taken() -> tuple[int, Batch]:
+            # Nothing is kept here: a batch may have some 100 MB.
+            out = pending[0]["run"], _batch(pending, self.header)
+            pending.clear()
+            return out
+
         for item, size in self._until_damage(self._checked(run)):
             if pending and item["run"] != pending[0]["run"]:
-                yield pending[0]["run"], _batch(pending, self.header)
-                pending, pending_bytes = [], 0
+                yield taken()
+                pending_bytes = 0
             pending.append(item)
             pending_bytes += size
             if len(pending) >= BATCH_STEPS or pending_bytes >= BATCH_BYTES:
-                yield item["run"], _batch(pending, self.header)
-                pending, pending_bytes = [], 0
+                yield taken()
+                pending_bytes = 0
         if pending:
-            yield pending[0]["run"], _batch(pending, self.header)
+            yield taken()
 
     def _until_damage(self, items: Iterator) -> Iterator:
         """Ends at the first damage behind something good. LogError before it goes on to the caller."""
@@ -133,6 +142,7 @@ class LogReader:
                     raise LogError(f"{where}: run {item['run']}, step {item['step']} comes after run {last[0]}, step {last[1]}")
                 check_times(item, header, where)
                 last = item["run"], item["step"]
+                self.step = item["step"]
                 yield item, size
             if self.watch is not None and self.watch(self):
                 self.end = "stopped"

@@ -53,21 +53,37 @@ def main(arguments: list[str] | None = None) -> int:
         return EXIT_PART
 
 
-def _record(options: argparse.Namespace, *, program: bool) -> int:
-    shown = options.log[0] if len(options.log) == 1 else "joined logs"
-    with Interrupts(stay=program) as interrupts:
-        interrupts.spare = "-" in options.log
+class Work:
+    status = EXIT_BAD
+
+    def __init__(self, interrupts: Interrupts) -> None:
+        self.interrupts = interrupts
+
+
+@contextmanager
+def guarded(names: list[str], shown: str, *, stay: bool = True) -> Iterator[Work]:
+    """A block that reads logs, and says why it could not be ended: `status` is then what the program ends with. stay: that of Interrupts."""
+    with Interrupts(stay=stay) as interrupts:
+        interrupts.spare = "-" in names
+        work = Work(interrupts)
         try:
-            return _written(options, shown, interrupts)
+            yield work
         except KeyboardInterrupt:
-            say("stopped; nothing is written")
-            return interrupts.exit_status
+            say("stopped at once; what was not whole is not written")
+            work.status = interrupts.exit_status
         except LogError as error:
             say(f"{shown}: {error}")
-            return interrupts.exit_status if interrupts.came else EXIT_BAD
+            work.status = interrupts.exit_status if interrupts.came else EXIT_BAD
         except OSError as error:
-            say(_text(error))
-            return EXIT_BAD
+            say(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error))
+            work.status = EXIT_BAD
+
+
+def _record(options: argparse.Namespace, *, program: bool) -> int:
+    shown = options.log[0] if len(options.log) == 1 else "joined logs"
+    with guarded(options.log, shown, stay=program) as work:
+        work.status = _written(options, shown, work.interrupts)
+    return work.status
 
 
 def _written(options: argparse.Namespace, shown: str, interrupts: Interrupts) -> int:
@@ -75,44 +91,42 @@ def _written(options: argparse.Namespace, shown: str, interrupts: Interrupts) ->
     _check_names(options.log, output)
     import rerun as rr
 
-    from .conversion import Wanted, convert
+    from .conversion import Logs, Wanted, convert_logs
 
     # Without it, rerun only warns about what it could not record, and the file would lack data.
     rr.set_strict_mode(True)
-    wanted, status = Wanted(options.run, options.view, options.node), 0
-    if output:
-        with logs(options.log) as opened:
-            status = told(convert(opened, output, wanted, interrupts), shown, output.name, interrupts)
-    if options.png and not interrupts.came:
-        from . import pictures
+    wanted, status, known = Wanted(options.run, options.view, options.node), 0, []
+    with logs(options.log) as streams, ExitStack() as keep:
+        opened = Logs(streams, keep, interrupts)
+        if output:
+            done = convert_logs(opened, output, wanted)
+            known = done.remarks
+            status = told(known, opened, shown, f"{output.name} holds {done.holds}", interrupts)
+        if options.png and not interrupts.came:
+            from . import pictures
 
-        with logs(options.log) as opened:
-            status = max(status, pictures.write(opened, wanted, Path(options.png)))
+            opened.quiet(readings=3)
+            remarks = pictures.write(opened, wanted, Path(options.png))
+            status = told([text for text in remarks if text not in known], opened, shown, f"{options.png} shows what was read before", interrupts)
     return status
 
 
-def told(done: "Converted", shown: str, name: str, interrupts: Interrupts) -> int:  # noqa: F821
-    """Says what there is to say of a recording that was written as `name`; the exit status."""
-    for remark in done.remarks:
-        if remark not in done.damage:
-            say(f"{shown}: warning: {remark}")
-    for damage in done.damage:
-        say(f"{shown}: {damage}; {name} holds {done.holds}")
-    if done.stopped:
-        of = f" of {done.asked}" if done.asked else ""
-        say(f"{shown}: stopped by {done.stopped} at step {done.steps[1]}{of}: {name} holds {done.holds}")
+def told(remarks: list[str], opened: "Logs", shown: str, has: str, interrupts: Interrupts) -> int:  # noqa: F821
+    """Says what there is to say of logs that were read, and what is written of them; the exit status."""
+    opened.quiet()
+    damage = opened.damage
+    for remark in remarks:
+        say(f"{shown}: {remark}; {has}" if remark in damage else f"{shown}: warning: {remark}")
+    if opened.stopped:
+        say(f"{shown}: {opened.stopped}: {has}")
         return interrupts.exit_status
-    return EXIT_PART if done.damage else 0
+    return EXIT_PART if damage else 0
 
 
 def say(text: str) -> None:
     # Where standard error is closed, nobody is told; print would take standard output.
     if sys.stderr is not None:
         print(f"{PROGRAM}: {text}", file=sys.stderr)
-
-
-def _text(error: OSError) -> str:
-    return f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error)
 
 
 def _options(arguments: list[str]) -> argparse.Namespace:

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -42,10 +43,7 @@ class Wanted:
 @dataclass(frozen=True)
 class Converted:
     remarks: list[str]  # for the user
-    damage: list[str]  # where logs are damaged, if they are
     steps: tuple[int, int] | None  # the first and the last that the recording has
-    asked: int  # steps that the run should have, 0 where nobody said
-    stopped: str | None  # by which signal, before all was read
 
     @property
     def holds(self) -> str:
@@ -56,9 +54,10 @@ class Converted:
 
 
 class Logs:
-    """Logs by their names, that can be read from their beginnings again. Input that cannot go back is kept in a temporary file."""
+    """Logs by their names, that can be read from their beginnings again. Input that cannot go back is kept in a temporary file. readings: how many there
+    will be, for the bar that shows how far they are."""
 
-    def __init__(self, streams: dict[str, BinaryIO], keep: ExitStack, interrupts: Interrupts | None = None) -> None:
+    def __init__(self, streams: dict[str, BinaryIO], keep: ExitStack, interrupts: Interrupts | None = None, *, readings: int = 2) -> None:
         self._interrupts = interrupts or Interrupts()  # never entered: none comes
         self._streams = {name: stream if stream.seekable() else self._kept(name, stream, keep) for name, stream in streams.items()}
         # Who writes into the pipe has ended.
@@ -67,10 +66,8 @@ class Logs:
         # A signal that ended the input lets what came be read.
         self._limit = math.inf if self._interrupts.came else None
         self._keep, self._progress = keep, None
-
-    @property
-    def stopped_by(self) -> str | None:
-        return self._interrupts.name if self._interrupts.came else None
+        self._opened, self._readings = 0, readings
+        self._last: dict[str, LogReader] = {}  # by what is said before their warnings
 
     def open(self) -> tuple[LogReader, list[tuple[str, str, LogReader]]]:
         """The log that is shown, and names, labels and logs of those that it is compared with."""
@@ -87,16 +84,39 @@ class Logs:
         elif len(readers) > 1:
             first = JoinedReader(readers)
         size = sum(self._sizes.values()) if isinstance(first, JoinedReader) else self._sizes[next(iter(readers))]
-        done = size if self._progress else 0
         if not self._progress:
-            self._progress = Progress("reading", 2 * size + sum(self._sizes[name] for name, _, _ in others))
+            self._progress = Progress("reading", self._readings * size + sum(self._sizes[name] for name, _, _ in others))
             self._keep.callback(self._progress.close)
+        done = self._opened * size
+        self._opened += 1
+        self._last = {"": first} | {f"{name}: ": other for name, _, other in others}
         first.watch = partial(self._watch, done)
         done += size
         for name, _, other in others:
             other.watch = partial(self._watch, done)
             done += self._sizes[name]
         return first, others
+
+    def quiet(self, readings: int = 2) -> None:
+        """Nothing more is shown until the next of so many readings."""
+        if self._progress:
+            self._progress.close()
+        self._progress, self._opened, self._readings = None, 0, readings
+
+    @property
+    def damage(self) -> list[str]:
+        """Those warnings of the last reading that say where logs are damaged."""
+        return [name + text for name, reader in self._last.items() for text in reader.damage]
+
+    @property
+    def stopped(self) -> str | None:
+        """By which signal the last reading was stopped, and where; the end of what comes from a pipe may have been left there."""
+        readers = list(self._last.values())
+        if not self._interrupts.came or not (readers[0].end is None or any(reader.end == "stopped" for reader in readers)):
+            return None
+        steps = readers[0].header.steps
+        place = "before the first step" if readers[0].step is None else f"at step {readers[0].step}" + (f" of {steps}" if steps else "")
+        return f"stopped by {self._interrupts.name} {place}"
 
     def _watch(self, done: int, reader: LogReader) -> bool:
         """Reading stops at the first item after a signal; a later reading goes as far."""
@@ -137,7 +157,13 @@ def convert(streams: dict[str, BinaryIO], output: Into, wanted: Wanted, interrup
     shown and the others are compared with it. output: a file, or what makes a stream of an id and a blueprint. Raises LogError or OSError and leaves
     a file alone."""
     with ExitStack() as keep:
-        logs = Logs(streams, keep, interrupts)
+        return convert_logs(Logs(streams, keep, interrupts), output, wanted)
+
+
+def convert_logs(logs: Logs, output: Into, wanted: Wanted) -> Converted:
+    """The same of logs that are open."""
+    # A filter that diverged has numbers that overflow; that they are infinite then is shown.
+    with np.errstate(all="ignore"):
         planned = plan(logs, wanted, begun=True)
         return record(logs, planned, output, wanted) if planned.found.steps else _begun(logs, output, wanted)
 
@@ -148,8 +174,8 @@ def plan(logs: Logs, wanted: Wanted, *, begun: bool = False) -> Plan:
     header, scenario = reader.header, parse_scenario(reader.header)
     nodes = _nodes(header, wanted.nodes)
     found = survey(reader.batches(wanted.run), header, scenario)
-    if not found.steps and logs.stopped_by:
-        raise LogError(f"stopped by {logs.stopped_by} before the first step of run {wanted.run} was read; nothing is written")
+    if not found.steps and logs.stopped:
+        raise LogError(f"{logs.stopped} of run {wanted.run}; nothing is written")
     if not found.steps and not begun:
         raise LogError(f"the log has no step of run {wanted.run}")
     return Plan(header, scenario, found, focus(header, found, nodes), tuple(label for _, label, _ in others) if scenario.position_states else ())
@@ -175,15 +201,8 @@ def record(logs: Logs, planned: Plan, output: Into, wanted: Wanted) -> Converted
             last_step = int(batch.step[-1])
             batch = next(batches, None)
         recorder.finish(reader.end, _compared(beside, others, wanted.run) if beside else [])
-    ends = [reader.end, *(other.end for _, _, other in others)]
-    return Converted(
-        remarks=reader.warnings + [f"{name}: {text}" for name, _, other in others for text in other.warnings],
-        damage=reader.damage + [f"{name}: {text}" for name, _, other in others for text in other.damage],
-        steps=(first_step, last_step),
-        asked=header.steps,
-        # The end of input from a pipe may have been left there.
-        stopped=logs.stopped_by if "stopped" in ends or (logs.stopped_by and reader.end is None) else None,
-    )
+    remarks = reader.warnings + [f"{name}: {text}" for name, _, other in others for text in other.warnings]
+    return Converted(remarks, (first_step, last_step))
 
 
 def _into(output: Into) -> Callable[[str, rrb.Blueprint], AbstractContextManager[rr.RecordingStream]]:
@@ -196,7 +215,7 @@ def _begun(logs: Logs, output: Into, wanted: Wanted) -> Converted:
         raise LogError("the log has changed while it was read")
     with _into(output)(recording_id(reader.header, wanted.run), only_begun.blueprint()) as rec:
         only_begun.record(rec, reader.header, parse_scenario(reader.header), wanted.run, reader.end)
-    return Converted([f"the log has no step of run {wanted.run} yet", *reader.warnings], [], None, reader.header.steps, None)
+    return Converted([f"the log has no step of run {wanted.run} yet", *reader.warnings], None)
 
 
 def _nodes(header: Header, wanted: Sequence[int]) -> tuple[int, ...]:

@@ -63,13 +63,13 @@ def is_log(path: Path) -> bool:
 
 
 def _to_stdout(options: argparse.Namespace) -> int:
-    from functools import partial
+    from contextlib import ExitStack
 
     import rerun as rr
 
     from meshkal_log.reader import LogError
 
-    from .conversion import Wanted, convert
+    from .conversion import Logs, Wanted, convert_logs
     from .recording.output import recording_to_stdout
 
     rr.set_strict_mode(True)
@@ -77,14 +77,15 @@ def _to_stdout(options: argparse.Namespace) -> int:
     # An id of its own each time: what is opened again is shown beside what was there, and not added to it.
     into = recording_to_stdout if options.recording_id is None else lambda _, blueprint: recording_to_stdout(options.recording_id, blueprint)
     try:
-        with open(options.path, "rb") as stream:
-            done = convert({str(options.path): stream}, into, Wanted())
+        with open(options.path, "rb") as stream, ExitStack() as keep:
+            logs = Logs({str(options.path): stream}, keep)
+            done = convert_logs(logs, into, Wanted())
     except (LogError, OSError) as error:
         print(f"{options.path}: {error}", file=sys.stderr)
         return EXIT_DAMAGED
     for remark in done.remarks:
         print(f"{options.path}: {remark}", file=sys.stderr)
-    return EXIT_DAMAGED if done.damage else 0
+    return EXIT_DAMAGED if logs.damage else 0
 
 
 if __name__ == "__main__":

@@ -57,7 +57,17 @@ class Summary:
             self._last_rms_db = float(network["error_db"]["rms"][-1])
 
     def text(self, end: str | None, colour_range: tuple[float, float] | None) -> str:
-        return "\n\n".join([self._title(), table("Result", self._result(end)), self._legend(colour_range), table("Scenario", self._facts())])
+        result, facts = (table(heading, rows) for heading, rows in self.tables(end).items())
+        return "\n\n".join([self._title(), result, self._legend(colour_range), facts])
+
+    def tables(self, end: str | None) -> dict[str, list[tuple[str, str]]]:
+        """Rows of name and value, in Markdown, by the tables' headings."""
+        return {"Result": self._result(end), "Scenario": self._facts()}
+
+    def title(self) -> tuple[str, str]:
+        """Of the scenario, and of the filter in Markdown."""
+        name, what = self._title().split("\n\n", 1)
+        return name.removeprefix("# "), what
 
     def _title(self) -> str:
         return f"# {self._scenario.name}\n\n{_FILTER_NAMES[self._header.filter]} (`{self._header.filter}`)"
