@@ -260,7 +260,9 @@ def test_steps_of_nodes_are_joined_as_those_of_files():
             np.testing.assert_array_equal(item["measurements"], expected["measurements"])
 
 
-@pytest.mark.parametrize("source, message", [("udp:nowhere", "port of udp"), ("udp:127.0.0.1:70000", "port of udp"), ("udp:192.0.2.1:7000", "udp:192.0.2.1:7000")])
+@pytest.mark.parametrize("source, message", [
+    ("udp:nowhere", "port of udp"), ("udp:127.0.0.1:70000", "port of udp"), ("udp:192.0.2.1:7000", "udp:192.0.2.1:7000"),
+])
 def test_sources_that_are_none(tmp_path, source, message):
     with live(source, tmp_path / "run.rrd") as process:
         status, said = process.end()

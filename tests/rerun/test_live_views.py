@@ -91,6 +91,5 @@ def test_plots_show_the_last_while():
     log_reader, batches = opened(Log(nodes=3, steps=10))
     header, scenario = log_reader.header, parse_scenario(log_reader.header)
     shown = blueprint(header, scenario, batches[0], unknown(header), header.estimator_nodes)
-    axis = rrb.TimeAxis(view_range=rrb.TimeRange(start=rrb.TimeRangeBoundary.cursor_relative(seconds=-60.0), end=rrb.TimeRangeBoundary.cursor_relative()))
-    changed = set_axes(shown.root_container, axis)
-    assert changed > 5
+    ends = rrb.TimeRangeBoundary.cursor_relative(seconds=-60.0), rrb.TimeRangeBoundary.cursor_relative()
+    assert set_axes(shown.root_container, rrb.TimeAxis(view_range=rrb.TimeRange(*ends))) > 5

@@ -208,7 +208,8 @@ def _spawn(url: str) -> None:
 
     # It stays when this program ends, and does not get its Ctrl-C.
     program = Path(rerun_cli.__file__).with_name("rerun")
-    subprocess.Popen([program, "--connect", url, "--bind", LOCAL], start_new_session=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    subprocess.Popen([program, "--connect", url, "--bind", LOCAL], start_new_session=True, **quiet)
 
 
 def _say(text: str) -> None:

@@ -41,7 +41,6 @@ class Viewers(threading.Thread):
         self._header: Header | None = None
         self._halt = threading.Event()
         self._recorder: Recorder | None = None
-        self.shown = 0
         self.delay_s = 0.0
         self.held_up = False  # a viewer does not take what is sent
         self.failure = ""
@@ -77,14 +76,15 @@ class Viewers(threading.Thread):
         # An id of its own: a viewer would merge it with the recording that is made afterwards.
         self._rec = rr.RecordingStream(APPLICATION_ID, recording_id=f"live-{time.time_ns():x}")
         self._rec.set_sinks(self._sink)
-        last = 0.0
+        last = cost = 0.0
         while not self._halt.is_set() and not self._queue.over:
-            self._halt.wait(max(0.0, last + _INTERVAL_S - time.monotonic()))
+            # Of a large network, half of the time at most.
+            self._halt.wait(max(0.0, last + max(_INTERVAL_S, 2.0 * cost) - time.monotonic()))
             last = time.monotonic()
             items, since = self._queue.take(_MOST_STEPS, _INTERVAL_S)
             if items:
                 self._show(reader._batch(items, self._header))
-                self.shown += len(items)
+                cost = time.monotonic() - last
             if self._flush() and items:
                 self.delay_s = time.monotonic() - since
         if self._recorder and not self._halt.is_set():
