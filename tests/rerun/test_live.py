@@ -228,6 +228,22 @@ def test_without_a_step_nothing_is_written(tmp_path, data, message):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_view_that_the_log_has_nothing_for(tmp_path):
+    with live("-", tmp_path / "run.rrd", "--view", "integrity") as process:
+        process.write(Log(nodes=3, steps=10).data())
+        status, said = process.end()
+    assert status == 0 and "nothing for the view integrity" in said and "not shown" not in said
+    assert len(Recording(tmp_path / "run.rrd").series("theta/node/0")) == 10
+
+
+def test_a_node_that_is_none(tmp_path):
+    with live("-", tmp_path / "run.rrd", "--node", "7") as process:
+        process.write(Log(nodes=3, steps=10).data())
+        status, said = process.end()
+    assert status == 2 and "there is no node 7" in said
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_port_that_is_taken(tmp_path):
     with live("-", tmp_path / "run.rrd") as process:
         port = process.url.removesuffix("/proxy").rpartition(":")[2]

@@ -129,11 +129,14 @@ class _Session:
                 log.path.unlink(missing_ok=True)
             _say(f"{self._options.live}: no step has come; nothing is written")
             return status if stopped else EXIT_BAD
-        wanted = conversion.Wanted(self._options.run, self._options.view, keeping.nodes_of_recording())
         try:
-            with ExitStack() as files:
-                streams = {str(log.path): files.enter_context(open(log.path, "rb")) for log in keeping.logs.values() if log.steps}
-                conversion.convert(streams, self._output, wanted)
+            try:
+                self._convert(self._options.view)
+            except LogError as error:
+                if not self._options.view:
+                    raise
+                _say(f"{self._output}: {error}; its own view is in front")
+                self._convert(None)
         except (LogError, OSError) as error:
             _say(f"{self._output}: {error}")
             self._say_kept()
@@ -147,6 +150,13 @@ class _Session:
             for log in keeping.logs.values():
                 log.path.unlink()
         return status
+
+    def _convert(self, view: str | None) -> None:
+        keeping = self._keeping
+        wanted = conversion.Wanted(self._options.run, view, keeping.nodes_of_recording())
+        with ExitStack() as files:
+            streams = {str(log.path): files.enter_context(open(log.path, "rb")) for log in keeping.logs.values() if log.steps}
+            conversion.convert(streams, self._output, wanted)
 
     def _remarks(self) -> list[str]:
         out = self._keeping.remarks()

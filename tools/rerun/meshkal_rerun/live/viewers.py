@@ -15,6 +15,7 @@ import rerun.blueprint as rrb
 
 from meshkal_log import reader
 from meshkal_log.fields import Batch, Header
+from meshkal_log.reader import LogError
 from meshkal_log.scenario import parse_scenario
 from ..numbers.survey import focus
 from ..recording.output import APPLICATION_ID
@@ -151,7 +152,11 @@ class Viewers(threading.Thread):
         return [("not shown live", f"{dropped} steps: a viewer was too slow")] if dropped else []
 
     def _blueprint(self, window_s: float | None = None) -> rrb.Blueprint:
-        shown = blueprint(self._header, self._scenario, self._first, self._running.survey(), self._named, (), self._view)
+        facts = (self._header, self._scenario, self._first, self._running.survey(), self._named, ())
+        try:
+            shown = blueprint(*facts, self._view)
+        except LogError:  # there is nothing for that view
+            shown = blueprint(*facts)
         if window_s:
             # Relative to the time that is followed; nanoseconds, which on the axis of steps is all of them.
             ends = (rrb.TimeRangeBoundary.cursor_relative(seconds=s) for s in (-window_s, 0.0))
