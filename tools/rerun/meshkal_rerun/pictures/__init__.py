@@ -29,7 +29,7 @@ def write(logs: Logs, wanted: Wanted, directory: Path, *, size: tuple[int, int] 
     with tempfile.TemporaryDirectory(prefix="meshkal-") as temporary:
         recording = Path(temporary) / "run.rrd"
         # Before anything is written: a view that the log does not have is refused here.
-        remarks = conversion.record(logs, planned, recording, wanted)
+        remarks = conversion.record(logs, planned, recording, wanted).remarks
         directory.mkdir(parents=True, exist_ok=True)
         with paper.style():
             for picture in pictures(run):

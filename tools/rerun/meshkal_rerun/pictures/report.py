@@ -6,7 +6,6 @@ import io
 import os
 import re
 import shlex
-import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -15,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from meshkal_log.reader import LogError
+from meshkal_log.interrupts import Interrupts
 
-from .. import conversion
+from .. import cli, conversion
 from ..conversion import Logs, Wanted
 from ..numbers.causes import when
 from . import SIZE, figures, page, paper, pictures, png, rendered, viewer
@@ -58,35 +57,33 @@ def write(logs: Logs, wanted: Wanted, output: Path, *, time_s: float | None = No
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The command `meshkal-rerun report`. Exit status: 0 done, 1 a failure of work, 2 wrong input and nothing written, 130 interrupted."""
+    """The command `meshkal-rerun report`. Exit status: as the whole command has it; 1 also: the viewer failed, and nothing is written."""
     parser = argparse.ArgumentParser(prog="meshkal-rerun report", description="Writes a run log as one web page: tables, plots, events.")
     parser.add_argument("log", nargs="+", help="the log; several as for meshkal-rerun itself")
     parser.add_argument("-o", "--output", metavar="REPORT.html", type=Path, help="the page to write (default: beside the log, .html instead of its suffix)")
-    parser.add_argument("--run", type=int, default=0, metavar="K", help="which Monte Carlo run (default: 0)")
-    parser.add_argument("--node", type=_numbers, default=(), metavar="K[,K]", help="nodes to show by name, before the worst ones")
+    parser.add_argument("--run", type=cli.run_number, default=0, metavar="K", help="which Monte Carlo run (default: 0)")
+    parser.add_argument("--node", type=cli.node_numbers, default=(), metavar="K[,K]", help="nodes to show by name, before the worst ones")
     parser.add_argument("--time", type=float, metavar="SECONDS", help="the moment that maps show (default: the end)")
     parser.add_argument("--views", action="store_true", help="with pictures of the views, where a Vulkan driver is installed")
     options = parser.parse_args(arguments)
     output = options.output or Path(options.log[0]).with_suffix(".html")
     if output.resolve() in [Path(name).resolve() for name in options.log]:
         parser.error(f"{output} is a log: give another name with -o")
-    try:
-        with ExitStack() as keep:
-            logs = Logs({name: keep.enter_context(open(name, "rb")) for name in options.log}, keep)
-            for remark in write(logs, Wanted(options.run, None, options.node), output, time_s=options.time, views=options.views):
-                print(f"meshkal-rerun: {remark}", file=sys.stderr)
-    except KeyboardInterrupt:
-        return 130
-    except (LogError, OSError) as error:
-        print(f"meshkal-rerun: {error}", file=sys.stderr)
-        return 1 if isinstance(error, viewer.ViewerError) else 2
-    return 0
+    shown = options.log[0] if len(options.log) == 1 else "joined logs"
+    with cli.guarded(options.log, shown) as work:
+        work.status = _report(options, output, shown, work.interrupts)
+    return work.status
 
 
-def _numbers(text: str) -> tuple[int, ...]:
-    if not all(part.isdecimal() for part in text.split(",")):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a list of node numbers, as 3 or 3,17")
-    return tuple(int(part) for part in text.split(","))
+def _report(options: argparse.Namespace, output: Path, shown: str, interrupts: Interrupts) -> int:
+    with ExitStack() as keep:
+        logs = Logs(keep.enter_context(cli.logs(options.log)), keep, interrupts, readings=3 if options.views else 2)
+        try:
+            remarks = write(logs, Wanted(options.run, None, options.node), output, time_s=options.time, views=options.views)
+        except viewer.ViewerError as error:
+            cli.say(str(error))
+            return cli.EXIT_PART
+    return cli.told(remarks, logs, shown, f"{output.name} shows what was read before", interrupts)
 
 
 def _parts(run: Run, shown: list[str]) -> Iterator[str]:
@@ -102,6 +99,9 @@ def _parts(run: Run, shown: list[str]) -> Iterator[str]:
     if run.header.estimators > 1:
         yield page.heading("Worst nodes")
         yield _worst(run)
+    if run.comparison:
+        yield page.heading("Comparison")
+        yield page.markdown(run.comparison)
     yield page.heading("Plots")
     for picture in pictures(run):
         yield _figure(picture)

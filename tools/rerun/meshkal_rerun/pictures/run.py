@@ -7,19 +7,20 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from meshkal_log.fields import Batch, Header
-from meshkal_log.reader import LogError, LogReader
-from meshkal_log.scenario import positions_of
+from meshkal_log.reader import LogError
+from meshkal_log.scenario import parse_scenario, positions_of
 
 from ..conversion import Logs, Plan, Wanted
 from ..numbers import derive, integrity, navigation, tracking
 from ..numbers.causes import Causes, fault_text
 from ..numbers.faults import FaultChanges
 from ..numbers.integrity import Story
-from ..recording.recorder import estimator_names
 from ..numbers.survey import quantities, shade_db
 from ..numbers.tracking import chi_square_upper_quantile
 from ..recording import events as departure_events
-from ..summary import SUMMARIES
+from ..recording.comparison import Compared
+from ..recording.recorder import estimator_names
+from ..summary import SUMMARIES, compare
 from ..summary.head import Head
 
 # Events that are kept as texts.
@@ -68,6 +69,7 @@ class Run:
     moment: Moment | None = None
     tables: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
     title: tuple[str, str] = ("", "")
+    comparison: str = ""  # Markdown, of compared logs
     headlines: list[str] = field(default_factory=list)  # Markdown
     warnings: list[str] = field(default_factory=list)
     compared: dict[str, tuple[np.ndarray, dict[str, dict[str, np.ndarray]]]] = field(default_factory=dict)  # seconds and network, by label
@@ -79,17 +81,17 @@ class Run:
 
 def read(logs: Logs, planned: Plan, wanted: Wanted, time_s: float | None = None) -> Run:
     """time_s: the moment that maps show, the last instant not after it; None: the end. Raises LogError."""
-    reader, others = logs.open()
+    shown, *others = logs.open()
     reading = _Reading(planned, wanted.run, time_s)
-    for batch in reader.batches(wanted.run):
+    for batch in shown.reader.batches(wanted.run):
         reading.batch(batch)
-    run = reading.finish(reader)
-    for name, label, other in others:
+    run = reading.finish(shown, others)
+    for other in others:
         try:
-            run.compared[label] = _network(other.batches(wanted.run), other.header, planned)
+            run.compared[other.label.text] = _network(other.reader.batches(wanted.run), other.reader.header)
         except LogError as error:
-            raise LogError(f"{name}: {error}") from None
-        run.warnings += [f"{name}: {text}" for text in other.warnings]
+            raise LogError(f"{other.name}: {error}") from None
+        run.warnings += [f"{other.name}: {text}" for text in other.reader.warnings]
     return run
 
 
@@ -156,7 +158,7 @@ class _Reading:
         self._moment(times, batch, each)
         self._before = float(times[-1])
 
-    def finish(self, reader: LogReader) -> Run:
+    def finish(self, shown: Compared, others: list[Compared]) -> Run:
         run = self._run
         for path, parts in self._kept.items():
             values = np.concatenate(parts)
@@ -174,7 +176,13 @@ class _Reading:
         run.event_count += sum(map(len, departed.values()))
         run.events.sort(key=lambda event: event[0])
         run.headlines = self._summary.headlines()
-        run.tables, run.title, run.warnings = self._summary.tables(reader.end), self._summary.title(), list(reader.warnings)
+        found = [difference for _, difference in run.plan.compared[1:]]
+        for other, difference in zip(others, found):
+            self._summary.more += compare.rows(other.label.text, difference)
+        if others:
+            every = [(log.files, log.label, log.reader.header) for log in (shown, *others)]
+            run.comparison = compare.text(every[0], every[1:], found)
+        run.tables, run.title, run.warnings = self._summary.tables(shown.reader.end), self._summary.title(), list(shown.reader.warnings)
         return run
 
     def _keep(self, *path_and_values: object) -> None:
@@ -248,11 +256,11 @@ class _Reading:
         )
 
 
-def _network(batches: Iterator[Batch], header: Header, planned: Plan) -> tuple[np.ndarray, dict[str, dict[str, np.ndarray]]]:
-    times, kept = [], {}
+def _network(batches: Iterator[Batch], header: Header) -> tuple[np.ndarray, dict[str, dict[str, np.ndarray]]]:
+    times, kept, scenario = [], {}, parse_scenario(header)
     for batch in batches:
         times.append(seconds(batch, header))
-        for quantity, summaries in quantities(batch, header, planned.scenario)[1].items():
+        for quantity, summaries in quantities(batch, header, scenario)[1].items():
             for name, row in summaries.items():
                 kept.setdefault(quantity, {}).setdefault(name, []).append(row)
     if not times:

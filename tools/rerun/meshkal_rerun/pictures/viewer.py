@@ -6,6 +6,7 @@ import io
 import json
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import tempfile
@@ -19,7 +20,7 @@ import rerun_cli
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from ..views.blueprint import VIEWS
+from ..views import VIEWS
 
 SIZE = (1600, 1000)
 STARTS = 3
@@ -119,13 +120,29 @@ class Viewer:
 
 @contextmanager
 def viewer(size: tuple[int, int] = SIZE) -> Iterator[Viewer]:
-    """It is gone when the block ends, however it ends. Raises NoViewer or ViewerError."""
-    with tempfile.TemporaryDirectory(prefix="meshkal-viewer-", ignore_cleanup_errors=True) as home:
+    """It is gone when the block ends, however it ends. Raises NoViewer or ViewerError; in the block a signal raises KeyboardInterrupt at once."""
+    with _interruptible(), tempfile.TemporaryDirectory(prefix="meshkal-viewer-", ignore_cleanup_errors=True) as home:
         process, client = _start(Path(home), size)
         try:
             yield Viewer(process, client)
         finally:
             _end(process)
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Who reads logs lets a first signal end the reading only; here nothing is read."""
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    try:
+        for number, handler in before.items():
+            if handler != signal.SIG_IGN:
+                signal.signal(number, signal.default_int_handler)
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _start(home: Path, size: tuple[int, int]) -> tuple[subprocess.Popen, ViewerClient]:

@@ -83,6 +83,10 @@ class Series:
         self._styled.add(path)
         return not known
 
+    def style_again(self) -> None:
+        """Styles are sent anew with the next numbers."""
+        self._styled.clear()
+
     def _send(self, path: str, times: list, values: np.ndarray, archetype: type, style: dict) -> None:
         self.style(path, archetype, **style)
         columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values, dtype=np.float64).reshape(-1))

@@ -6,6 +6,7 @@ import numpy as np
 from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario
 from ..numbers import derive
+from .ending import ENDINGS
 from .head import Head
 from .integrity import IntegritySummary
 
@@ -110,7 +111,8 @@ class Summary:
             rows.append(("estimates missing", self._share("estimates")))
         rows.append(("fault entries", str(self._fault_entries)))
         rows += self.integrity.rows()
-        state = {"complete": "complete", "interrupted": "run was interrupted", None: "**cut: the end is missing**"}[end]
+        rows += self.more
+        state = ENDINGS[end]
         rows.append(("log", f"{state}, {self._steps} steps, to step {self._last_step}"))
         return rows
 
