@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: MIT
 """Live mode from a pipe: what becomes the recording, how it ends, and viewers that are absent, late, frozen or killed."""
 
+import os
 import random
 import signal
+import socket
 import subprocess
 import sys
-import os
 import time
 
 import numpy as np
@@ -185,11 +186,17 @@ def test_a_kill_leaves_a_log(tmp_path):
     np.testing.assert_array_equal(recording.series("theta/node/2"), log.arrays["theta"][0, :30, 2])
 
 
+def wrong_length(item: bytes) -> bytes:
+    """An array that would never end."""
+    assert b"\x58\x18" in item
+    return item.replace(b"\x58\x18", b"\x5b\x7f" + 7 * b"\xff", 1)
+
+
 BROKEN = {
     "lost": (lambda items: items[:11], "its log has no end item"),
     "cut in an item": (lambda items: [*items[:11], items[11][:200]], "its log has no end item"),
     "damaged": (lambda items: [*items[:11], b"\xff" * 50, *items[11:]], "item 12"),
-    "a wrong length": (lambda items: [*items[:11], items[11].replace(b"\x58\x18", b"\x5b\x7f\xff\xff\xff\xff\xff\xff\xff", 1), *items[12:]] * 90, "item 12 is damaged"),
+    "a wrong length": (lambda items: [*items[:11], wrong_length(items[11]), *items[12:] * 90], "item 12 is damaged"),
     "out of order": (lambda items: [*items[:11], items[5], *items[11:]], "comes after run 0, step 9"),
 }
 
@@ -221,6 +228,22 @@ def test_without_a_step_nothing_is_written(tmp_path, data, message):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_view_that_the_log_has_nothing_for(tmp_path):
+    with live("-", tmp_path / "run.rrd", "--view", "integrity") as process:
+        process.write(Log(nodes=3, steps=10).data())
+        status, said = process.end()
+    assert status == 0 and "nothing for the view integrity" in said and "not shown" not in said
+    assert len(Recording(tmp_path / "run.rrd").series("theta/node/0")) == 10
+
+
+def test_a_node_that_is_none(tmp_path):
+    with live("-", tmp_path / "run.rrd", "--node", "7") as process:
+        process.write(Log(nodes=3, steps=10).data())
+        status, said = process.end()
+    assert status == 2 and "there is no node 7" in said
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_port_that_is_taken(tmp_path):
     with live("-", tmp_path / "run.rrd") as process:
         port = process.url.removesuffix("/proxy").rpartition(":")[2]
@@ -233,7 +256,6 @@ def test_a_real_viewer(tmp_path):
     """The viewer itself, without a window: it has the recording, and in it the timelines of the log."""
     from rerun.experimental import ViewerClient
 
-    import socket
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -253,8 +275,11 @@ def test_a_real_viewer(tmp_path):
                     return None
 
             control = wait_for(connected, "the viewer")
-            shown = wait_for(lambda: [r for r in control.get_state().recordings if {"step", "sim_time"} <= {t.name for t in r.timelines}], "steps in the viewer")
-            assert len(shown) == 1
+
+            def shown():
+                return [r for r in control.get_state().recordings if {"step", "sim_time"} <= {t.name for t in r.timelines}]
+
+            assert len(wait_for(shown, "steps in the viewer")) == 1
             process.write(*items[30:])
             status, _ = process.end()
         finally:

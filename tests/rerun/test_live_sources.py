@@ -144,6 +144,22 @@ def test_another_scenario_in_the_same_place(tmp_path):
     np.testing.assert_array_equal(Recording(tmp_path / "run.rrd").series("theta/node/2"), log.arrays["theta"][0, :5, 0])
 
 
+def test_a_node_s_clock_that_was_put_back(tmp_path):
+    """Its run is then another, which the recording does not have; it is not lost."""
+    log = some(Log(nodes=5, steps=10, runs=2), [2])
+    log.header["runs"] = 1
+    whole = log.items()
+    log.header["runs"] = 2
+    items = [whole[0], *log.items()[1:]]
+    (tmp_path / "run.cbor").write_bytes(b"".join(items))
+    with live(tmp_path / "run.cbor", tmp_path / "run.rrd") as process:
+        status, said = process.end()
+    (kept,) = tmp_path.glob("*.part.cbor")
+    assert status == 0 and "10 steps are of other runs" in said and "run.rrd: 10 steps, to step 9" in said and str(kept) in said
+    assert kept.read_bytes() == b"".join(items)
+    np.testing.assert_array_equal(Recording(tmp_path / "run.rrd").series("theta/node/2"), log.arrays["theta"][0, :, 0])
+
+
 def free_port() -> int:
     with socket.socket(type=socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
@@ -244,7 +260,9 @@ def test_steps_of_nodes_are_joined_as_those_of_files():
             np.testing.assert_array_equal(item["measurements"], expected["measurements"])
 
 
-@pytest.mark.parametrize("source, message", [("udp:nowhere", "port of udp"), ("udp:127.0.0.1:70000", "port of udp"), ("udp:192.0.2.1:7000", "udp:192.0.2.1:7000")])
+@pytest.mark.parametrize("source, message", [
+    ("udp:nowhere", "port of udp"), ("udp:127.0.0.1:70000", "port of udp"), ("udp:192.0.2.1:7000", "udp:192.0.2.1:7000"),
+])
 def test_sources_that_are_none(tmp_path, source, message):
     with live(source, tmp_path / "run.rrd") as process:
         status, said = process.end()

@@ -9,7 +9,7 @@ import numpy as np
 from .fields import Batch, Header, lengths, monitor_lengths, optional
 from .reader import LogError, LogReader, Where, check_arrays, check_times
 
-_SAME = ("scenario_sha256", "filter", "real", "dt_s", "source", "monitor", "monitor_window", "monitor_false_alarm")
+SAME = ("scenario_sha256", "filter", "real", "dt_s", "source", "monitor", "monitor_window", "monitor_false_alarm")
 # What holds one number or more of each slot, of each estimator, and of each row of its own sensor. The optional ones some of the logs may lack.
 _SLOTS = ("measurements_arrived", "estimates_arrived")
 _EACH = ("estimate", "variance", "trace_covariance", "position_covariance", "theta", "tolerance", "nis", "nis_rows", "faults")
@@ -36,7 +36,7 @@ class JoinedReader(LogReader):
         for name, reader in readers.items():
             if reader.header.timed:
                 raise LogError(f"{name} is the log of a {reader.header.kind} scenario, {next(iter(readers))} is not; they cannot be joined")
-            for key in _SAME:
+            for key in SAME:
                 if getattr(reader.header, key) != getattr(first, key):
                     raise LogError(f"{name} does not belong to {next(iter(readers))}: its {key} is another")
             if reader.header.central:

@@ -67,7 +67,7 @@ class _Session:
 
     def go(self) -> int:
         self._viewers.start()
-        print(f"{PROGRAM}: to look at it:  rerun {self._url}", file=sys.stderr, flush=True)
+        print(f"{PROGRAM}: to look at it:  rerun --connect {self._url}", file=sys.stderr, flush=True)
         if self._options.spawn:
             _spawn(self._url)
         can_end = True
@@ -129,26 +129,41 @@ class _Session:
                 log.path.unlink(missing_ok=True)
             _say(f"{self._options.live}: no step has come; nothing is written")
             return status if stopped else EXIT_BAD
-        wanted = conversion.Wanted(self._options.run, self._options.view, keeping.nodes_of_recording())
         try:
-            with ExitStack() as files:
-                streams = {str(log.path): files.enter_context(open(log.path, "rb")) for log in keeping.logs.values() if log.steps}
-                conversion.convert(streams, self._output, wanted)
+            try:
+                self._convert(self._options.view)
+            except LogError as error:
+                if not self._options.view:
+                    raise
+                _say(f"{self._output}: {error}; its own view is in front")
+                self._convert(None)
         except (LogError, OSError) as error:
             _say(f"{self._output}: {error}")
             self._say_kept()
             return EXIT_PART
-        for log in keeping.logs.values():
-            log.path.unlink()
-        _say(f"{self._output}: {keeping.steps} steps, to step {keeping.last_step}")
+        recorded = keeping.steps - keeping.other_runs
+        _say(f"{self._output}: {recorded} steps{f', to step {keeping.last_step}' if recorded else ''}")
+        if keeping.other_runs and keeping.from_nodes:
+            # A clock was put back, and nothing else has what came afterwards.
+            self._say_kept()
+        else:
+            for log in keeping.logs.values():
+                log.path.unlink()
         return status
+
+    def _convert(self, view: str | None) -> None:
+        keeping = self._keeping
+        wanted = conversion.Wanted(self._options.run, view, keeping.nodes_of_recording())
+        with ExitStack() as files:
+            streams = {str(log.path): files.enter_context(open(log.path, "rb")) for log in keeping.logs.values() if log.steps}
+            conversion.convert(streams, self._output, wanted)
 
     def _remarks(self) -> list[str]:
         out = self._keeping.remarks()
         if self._queue.dropped:
             out.append(f"{self._queue.dropped} steps were not shown live: a viewer was too slow; the recording has them")
         if self._keeping.other_runs:
-            out.append(f"{self._keeping.other_runs} steps are of other runs than {self._options.run}")
+            out.append(f"{self._keeping.other_runs} steps are of other runs than {self._options.run}, and neither shown nor recorded")
         if self._viewers.failure:
             out.append(f"nothing was shown live any more: {self._viewers.failure}")
         return out
@@ -203,7 +218,8 @@ def _spawn(url: str) -> None:
 
     # It stays when this program ends, and does not get its Ctrl-C.
     program = Path(rerun_cli.__file__).with_name("rerun")
-    subprocess.Popen([program, url], start_new_session=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    subprocess.Popen([program, "--connect", url, "--bind", LOCAL], start_new_session=True, **quiet)
 
 
 def _say(text: str) -> None:

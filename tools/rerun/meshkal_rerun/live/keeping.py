@@ -48,6 +48,10 @@ class Keeping:
         self._pass_on(float("inf"))
 
     @property
+    def from_nodes(self) -> bool:
+        return any(log.header.source == "live" for log in self.logs.values())
+
+    @property
     def ended(self) -> bool:
         """Whether all that was heard has said that it ends."""
         return bool(self.logs) and all(log.end for log in self.logs.values())
@@ -76,10 +80,11 @@ class Keeping:
             self.again += 1
             return
         self.steps += 1
-        self.last_step = max(self.last_step, item["step"])
         if item["run"] != self._run:
             self.other_runs += 1
-        elif self._joining:
+            return
+        self.last_step = max(self.last_step, item["step"])
+        if self._joining:
             self._joining.put(key, item, self.heard)
         else:
             self._queue.put(item, len(raw))

@@ -4,15 +4,16 @@
 import argparse
 
 LOCAL = "127.0.0.1"
-PORT = 9876
+# Viewers take 9876 for themselves; one that is told to open that very address sends what it receives back to it.
+PORT = 9877
 _QUEUE_ITEMS = 20000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("while a run goes on")
-    group.add_argument("--live", metavar="SOURCE", help="serve viewers and record: - (standard input), a file that grows, unix:PATH or udp:[HOST:]PORT, "
-                       "the telemetry of meshkal-node (HOST: where to listen, default 127.0.0.1)")
-    group.add_argument("--port", type=_port, default=PORT, help="for viewers (default: 9876; 0: a free one)")
+    group.add_argument("--live", metavar="SOURCE", help="serve viewers and record: - (standard input), a file that grows, unix:PATH or "
+                       "udp:[HOST:]PORT, the telemetry of meshkal-node (HOST: where to listen, default 127.0.0.1)")
+    group.add_argument("--port", type=_port, default=PORT, help="for viewers (default: 9877; 0: a free one)")
     group.add_argument("--bind", metavar="ADDRESS", default=LOCAL, help="for viewers (default: 127.0.0.1; anyone who reaches another one sees all)")
     group.add_argument("--spawn", action="store_true", help="start a viewer")
     group.add_argument("--wait", type=_seconds, metavar="S", help="end when nothing has come for so long (default: at the end of the log or by Ctrl-C)")

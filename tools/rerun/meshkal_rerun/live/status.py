@@ -14,13 +14,13 @@ class Status:
     def __init__(self, keeping, queue: DropOldest, viewers, source) -> None:
         self._keeping, self._queue, self._viewers, self._source = keeping, queue, viewers, source
         self._terminal = sys.stderr.isatty()
-        self._begin = self._next = time.monotonic()
+        self._at = time.monotonic()
         self._steps = 0
         self._said = ""
 
     def show(self) -> None:
         now = time.monotonic()
-        if now < self._next:
+        if now < self._at + _EVERY_S:
             return
         silent = now - self._keeping.heard > _SILENT_S and bool(self._source.waiting)
         if not self._terminal:
@@ -30,9 +30,9 @@ class Status:
             elif not silent:
                 self._said = ""
         else:
-            rate = (self._keeping.steps - self._steps) / max(now - self._next + _EVERY_S, 1e-3)
+            rate = (self._keeping.steps - self._steps) / (now - self._at)
             print(f"\r{self._line(rate, silent)}\x1b[K", end="", file=sys.stderr, flush=True)
-        self._steps, self._next = self._keeping.steps, now + _EVERY_S
+        self._steps, self._at = self._keeping.steps, now
 
     def _line(self, rate: float, silent: bool) -> str:
         if silent:

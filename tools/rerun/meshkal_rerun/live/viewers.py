@@ -15,6 +15,7 @@ import rerun.blueprint as rrb
 
 from meshkal_log import reader
 from meshkal_log.fields import Batch, Header
+from meshkal_log.reader import LogError
 from meshkal_log.scenario import parse_scenario
 from ..numbers.survey import focus
 from ..recording.output import APPLICATION_ID
@@ -41,7 +42,6 @@ class Viewers(threading.Thread):
         self._header: Header | None = None
         self._halt = threading.Event()
         self._recorder: Recorder | None = None
-        self.shown = 0
         self.delay_s = 0.0
         self.held_up = False  # a viewer does not take what is sent
         self.failure = ""
@@ -77,14 +77,15 @@ class Viewers(threading.Thread):
         # An id of its own: a viewer would merge it with the recording that is made afterwards.
         self._rec = rr.RecordingStream(APPLICATION_ID, recording_id=f"live-{time.time_ns():x}")
         self._rec.set_sinks(self._sink)
-        last = 0.0
+        last = cost = 0.0
         while not self._halt.is_set() and not self._queue.over:
-            self._halt.wait(max(0.0, last + _INTERVAL_S - time.monotonic()))
+            # Of a large network, half of the time at most.
+            self._halt.wait(max(0.0, last + max(_INTERVAL_S, 2.0 * cost) - time.monotonic()))
             last = time.monotonic()
             items, since = self._queue.take(_MOST_STEPS, _INTERVAL_S)
             if items:
                 self._show(reader._batch(items, self._header))
-                self.shown += len(items)
+                cost = time.monotonic() - last
             if self._flush() and items:
                 self.delay_s = time.monotonic() - since
         if self._recorder and not self._halt.is_set():
@@ -151,16 +152,23 @@ class Viewers(threading.Thread):
         return [("not shown live", f"{dropped} steps: a viewer was too slow")] if dropped else []
 
     def _blueprint(self, window_s: float | None = None) -> rrb.Blueprint:
-        shown = blueprint(self._header, self._scenario, self._first, self._running.survey(), self._named, (), self._view)
+        facts = (self._header, self._scenario, self._first, self._running.survey(), self._named, ())
+        try:
+            shown = blueprint(*facts, self._view)
+        except LogError:  # there is nothing for that view
+            shown = blueprint(*facts)
         if window_s:
             # Relative to the time that is followed; nanoseconds, which on the axis of steps is all of them.
             ends = (rrb.TimeRangeBoundary.cursor_relative(seconds=s) for s in (-window_s, 0.0))
-            _set_axes(shown.root_container, rrb.TimeAxis(view_range=rrb.TimeRange(*ends)))
+            set_axes(shown.root_container, rrb.TimeAxis(view_range=rrb.TimeRange(*ends)))
         return shown
 
 
-def _set_axes(part: rrb.Container | rrb.View, axis: rrb.TimeAxis) -> None:
-    for inner in getattr(part, "contents", ()) if isinstance(part, rrb.Container) else ():
-        _set_axes(inner, axis)
-    if isinstance(part, rrb.View) and "TimeAxis" in part.properties:
+def set_axes(part: rrb.Container | rrb.View, axis: rrb.TimeAxis) -> int:
+    """Of all plots in it; how many there are."""
+    if isinstance(part, rrb.View):
+        if "TimeAxis" not in part.properties:
+            return 0
         part.properties["TimeAxis"] = axis
+        return 1
+    return sum(set_axes(inner, axis) for inner in part.contents)

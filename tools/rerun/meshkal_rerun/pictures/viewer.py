@@ -6,6 +6,7 @@ import io
 import json
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import tempfile
@@ -107,7 +108,10 @@ class Viewer:
         except ViewerError:
             raise
         except Exception as error:
-            ended = self._process.poll()
+            try:
+                ended = self._process.wait(0.5)
+            except subprocess.TimeoutExpired:
+                ended = None
             reason = f"it did not within {seconds:.0f} s" if ended == -9 else f"it ended with status {ended}" if ended is not None else _line(error)
             raise ViewerError(f"the viewer could not {what}: {reason}") from None
         finally:
@@ -116,13 +120,29 @@ class Viewer:
 
 @contextmanager
 def viewer(size: tuple[int, int] = SIZE) -> Iterator[Viewer]:
-    """It is gone when the block ends, however it ends. Raises NoViewer or ViewerError."""
-    with tempfile.TemporaryDirectory(prefix="meshkal-viewer-", ignore_cleanup_errors=True) as home:
+    """It is gone when the block ends, however it ends. Raises NoViewer or ViewerError; in the block a signal raises KeyboardInterrupt at once."""
+    with _interruptible(), tempfile.TemporaryDirectory(prefix="meshkal-viewer-", ignore_cleanup_errors=True) as home:
         process, client = _start(Path(home), size)
         try:
             yield Viewer(process, client)
         finally:
             _end(process)
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Who reads logs lets a first signal end the reading only; here nothing is read."""
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    try:
+        for number, handler in before.items():
+            if handler != signal.SIG_IGN:
+                signal.signal(number, signal.default_int_handler)
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _start(home: Path, size: tuple[int, int]) -> tuple[subprocess.Popen, ViewerClient]:
@@ -169,7 +189,7 @@ def _environment(home: Path) -> dict[str, str]:
     data = folders["XDG_DATA_HOME"] / "rerun" / "analytics"
     settings.write_text(json.dumps({"analytics_enabled": False, "analytics_id": "", "metadata": {}, "config_file_path": str(settings),
                                     "data_dir_path": str(data)}))
-    return {**os.environ, "HOME": str(home), **{name: str(folder) for name, folder in folders.items()}, "MESA_SHADER_CACHE_DISABLE": "true"}
+    return {**os.environ, "HOME": str(home), "TMPDIR": str(home), **{name: str(folder) for name, folder in folders.items()}, "MESA_SHADER_CACHE_DISABLE": "true"}
 
 
 def _connect(port: int, process: subprocess.Popen) -> ViewerClient | None:

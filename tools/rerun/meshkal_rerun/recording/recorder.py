@@ -9,31 +9,28 @@ import rerun as rr
 
 from meshkal_log.fields import LINEAR, NAVIGATION, TRACKING, Batch, Header
 from meshkal_log.scenario import Scenario
-from ..numbers import derive
+from ..numbers import agreement, derive
+from ..numbers.causes import Causes, fault_text
+from ..numbers.faults import FaultChanges
 from ..numbers.integrity import Story
 from ..numbers.survey import ALL_NAMED, DRAWN_NODES, Survey, quantities
-from ..summary.linear import Summary
-from ..summary.navigation import NavigationSummary
-from ..summary.tracking import TrackingSummary
-from . import colours
+from ..summary import SUMMARIES
+from ..summary.head import Head
+from . import colours, events
+from .agreement import AgreementRecorder
 from .integrity import IntegrityRecorder
 from .integrity_marks import IntegrityMarks
 from .navigation import NavigationRecorder, NavigationScene
 from .network import NetworkPicture
+from .node import NodeRecorder
 from .scene import Scene
 from .series import Clock, Series
 from .tracking import TrackingRecorder
 from .tracking_scene import TrackingScene
 
-# The bits of meshkal/rkfd.h.
-_FAULTS = {0: "measurement missing", 1: "estimate missing", 2: "input refused", 3: "no measurement at all"}
-# With lossy links the first two come and go at every step; they are drawn as counts and would bury the others here.
-_LOGGED = np.uint32(0xFFFFFFFF & ~0b11)
-
 BAND_NAME = "5 to 95 % of the nodes"
 
 _SCENES = {LINEAR: Scene, TRACKING: TrackingScene, NAVIGATION: NavigationScene}
-_SUMMARIES = {LINEAR: Summary, TRACKING: TrackingSummary, NAVIGATION: NavigationSummary}
 
 _SUMMARY_STYLE = {
     "rms": ("RMS", colours.SUMMARY, 3.0),
@@ -53,16 +50,17 @@ _SINGLE = ("error_db", "position_error", "nees", "theta")
 
 
 def recording_id(header: Header, run: int, compared: Sequence[str] = ()) -> str:
-    """The same run gives the same id. The viewer merges recordings of equal id, so everything that makes a run differ is in it."""
+    """The same run gives the same id. compared: ids of other logs beside it. The viewer merges recordings of equal id, so everything that makes a run differ is in it."""
     rest = (header.program, header.real, header.source, header.steps, header.loss, header.dt_s)
     if header.estimator_nodes != tuple(range(header.nodes)) and not header.central:
         rest += header.estimator_nodes
     if header.tracking:
-        rest += (header.start_s, header.iterations, header.protocol, header.increments, header.gate, *compared)
+        rest += (header.start_s, header.iterations, header.protocol, header.increments, header.gate)
     if header.navigation:
-        rest += (header.start_s, header.satellites, *compared)
+        rest += (header.start_s, header.satellites)
     if header.monitor:
         rest += (header.monitor, header.monitor_window, header.monitor_false_alarm)
+    rest += tuple(compared)
     digest = hashlib.sha256(repr(rest).encode()).hexdigest()[:8]
     return f"{header.scenario_sha256[:16]}-{header.filter}-seed{header.seed}-run{run}-{digest}"
 
@@ -109,7 +107,7 @@ class Recorder:
         self._shade_range = found.shade_range_db
         self._series = Series(rec, envelope=header.timed)
         self._gaps: dict[str, bool] = {}  # of series, whether their first values have some
-        self._last_faults = np.zeros(header.estimators, dtype=np.uint32)
+        self._fault_changes = FaultChanges(header)
         self._paths = paths = [estimator_path(header, k) for k in range(header.estimators)]
         scene = _SCENES[header.kind]
         self._scene = scene(rec, header, scenario, self._names, self._palette) if scenario.position_states else None
@@ -117,10 +115,16 @@ class Recorder:
         self._navigation = NavigationRecorder(rec, self._series, self._clock, header, self._palette) if header.navigation else None
         # The links of satellites to one receiver say nothing; the sky does.
         self._picture = None if header.navigation else NetworkPicture(rec, header, scenario, found, self._palette, self._labels)
+        self._departures = found.departures
+        self._causes = Causes(header, found.departures.episodes)
+        self._nodes = None if header.navigation else NodeRecorder(self._series, self._clock, header, scenario, found.departures, named)
+        agrees = agreement.applies(header)
+        agreement_of = (rec, self._series, self._clock, header, scenario, self._palette, named, found.steps)
+        self._agreement = AgreementRecorder(*agreement_of) if agrees else None
         self._story = Story(header)
         self._integrity = IntegrityRecorder(self._series, self._clock, header, scenario, self._palette, self._names, paths)
         self._marks = IntegrityMarks(rec, self._clock, header, scenario) if header.monitor and self._picture else None
-        self._summary = _SUMMARIES[header.kind](header, scenario, run, self._names)
+        self._summary = SUMMARIES[header.kind](header, scenario, run, self._names, Head(header, found, self._causes, self._names))
         rec.send_recording_name(f"{scenario.name}: {header.filter}, run {run}")
 
     def _name(self, found: Survey, named: Sequence[int]) -> None:
@@ -149,16 +153,21 @@ class Recorder:
         self._measurements(times, batch)
         # What became of readings says more than these, and is drawn for every sensor.
         fault_changes = 0 if self._header.timed else self._faults(batch)
-        events = self._story.batch(batch)
-        self._integrity.batch(times, batch, events)
+        self._causes.batch(batch)
+        if self._nodes:
+            self._nodes.batch(times, batch)
+        story = self._story.batch(batch)
+        self._integrity.batch(times, batch, story)
         if self._marks:
             self._marks.batch(batch)
+        if self._agreement:
+            self._agreement.batch(times, batch)
         if self._scene:
             self._scene.batch(times, batch)
         if self._picture:
             self._picture.batch(times, batch, each)
         self._summary.batch(batch, each, network, fault_changes)
-        self._summary.integrity.batch(batch, events)
+        self._summary.integrity.batch(batch, story)
 
     def finish(self, end: str | None, more: Sequence[tuple[str, str]] = ()) -> None:
         """more: further rows of the result in the summary."""
@@ -166,6 +175,9 @@ class Recorder:
             self._scene.finish()
         if self._navigation:
             self._navigation.finish()
+        events.send(self._rec, self._clock, self._header, self._names, self._departures, self._causes)
+        if self._agreement:
+            self._agreement.finish()
         self._summary.more = list(more)
         self._rec.log("summary", rr.TextDocument(self._summary.text(end, self._shade_range if self._picture else None), media_type="text/markdown"), static=True)
 
@@ -180,6 +192,8 @@ class Recorder:
         self._summary.more = list(more)
         text = self._summary.text("live", self._shade_range if self._picture else None)
         times = self._clock.times(last, slice(-1, None))
+        if self._agreement:
+            self._agreement.refresh(times)
         self._rec.send_columns("summary", times, rr.TextDocument.columns(text=[text], media_type=["text/markdown"]))
 
     def _quantities(self, times: list, each: dict, network: dict) -> None:
@@ -256,19 +270,11 @@ class Recorder:
             self._drawn(path, times, values, width=width, **style)
 
     def _faults(self, batch: Batch) -> int:
-        """An entry when a node's faults change: a lasting fault would otherwise fill the log with the same line."""
-        faults = batch.faults & _LOGGED
-        before = np.vstack([self._last_faults, faults[:-1]])
-        self._last_faults = faults[-1]
-        at, who = np.nonzero(faults != before)
-        masks = faults[at, who]
+        """An entry when a node's faults change."""
+        at, who, masks = self._fault_changes.of(batch)
         if len(at):
             texts = [f"{self._names[k]}: {fault_text(int(mask))}" for k, mask in zip(who, masks)]
             levels = ["WARN" if mask else "INFO" for mask in masks]
             times = self._clock.times(batch, at)
             self._rec.send_columns("faults", times, rr.TextLog.columns(text=texts, level=levels))
         return int(np.count_nonzero(masks))
-
-
-def fault_text(mask: int) -> str:
-    return ", ".join(_FAULTS.get(bit, f"fault bit {bit}") for bit in range(32) if mask >> bit & 1) or "faults over"

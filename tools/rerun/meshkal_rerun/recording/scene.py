@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The 3-D scene: truth and its trail, the estimates, ellipsoids for their uncertainty, the sensors and their links."""
 
+from functools import partial
+
 import numpy as np
 import rerun as rr
 
@@ -31,8 +33,8 @@ class Scene:
         self._names, self._palette = names, palette
         self._everyone = np.arange(header.estimators)
         self._shown = self._others = self._everyone[:0]
+        self._draw_sensors = partial(self._sensors, header, scenario, palette)
         self.style_again()
-        self._sensors(header, scenario, palette)
 
     def style_again(self) -> None:
         """Of many nodes those that are named are shown, and the others as small points: their ellipsoids would cover all."""
@@ -47,6 +49,7 @@ class Scene:
         self._style("scene/estimates", rr.Points3D, colors=painted, labels=names, show_labels=False, radii=radii)
         faint = colours.with_alpha(painted, 90)
         self._style(ELLIPSOIDS, rr.Ellipsoids3D, colors=faint, labels=names, show_labels=False, line_radii=-0.4)
+        self._draw_sensors()
 
     def _sensors(self, header: Header, scenario: Scenario, palette: colours.Palette) -> None:
         positions = scenario.node_positions_m
