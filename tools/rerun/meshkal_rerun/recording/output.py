@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Where recordings go: an .rrd file, whole or not at all, or standard output."""
 
+import os
 import sys
+import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,12 +23,42 @@ def recording_file(output: Path, recording_id: str, blueprint: rrb.Blueprint) ->
     """A stream to log into. `output` is there when the block ends without an exception, and is as it was otherwise. Raises OSError."""
     rec = _recording(recording_id)
     with whole_file(output) as temporary:
-        rec.save(temporary, default_blueprint=blueprint)
-        try:
-            yield rec
-        finally:
-            rec.disconnect()
+        with open(temporary, "wb") as file:
+            writing = _Writing(file.fileno())
+            try:
+                rec.save(writing.path, default_blueprint=blueprint)
+                yield rec
+            finally:
+                rec.disconnect()
+                writing.finish()
+        if writing.error:
+            raise OSError(f"{output} could not be written whole: {writing.error.strerror}")
         _check_whole(temporary)
+
+
+class _Writing:
+    """What rerun writes to `path` goes to a file. Where it cannot be written, rerun itself may wait for ever for a thread of its own that has failed: so it
+    does not hear of it, and `error` is there at the end."""
+
+    def __init__(self, file: int) -> None:
+        self.error: OSError | None = None
+        self._read, self._write = os.pipe()
+        self.path = f"/proc/self/fd/{self._write}"
+        self._thread = threading.Thread(target=self._copy, args=(file,), daemon=True)
+        self._thread.start()
+
+    def finish(self) -> None:
+        os.close(self._write)
+        self._thread.join()
+        os.close(self._read)
+
+    def _copy(self, file: int) -> None:
+        while data := os.read(self._read, 1 << 20):
+            while data and not self.error:
+                try:
+                    data = data[os.write(file, data) :]
+                except OSError as error:
+                    self.error = error
 
 
 @contextmanager
