@@ -22,7 +22,7 @@ def worst(log, count=5):
 
 
 def plots(recording: Recording) -> dict[str, set[str]]:
-    """Entities that each plot of the overview asks for, as the viewer finds them in the recording, by the plot's origin."""
+    """Entities that each plot of the whole network asks for, as the viewer finds them in the recording, by the plot's origin."""
     views: dict[str, dict] = {}
     for chunk in recording.reader.stream(store=recording.reader.blueprints()[0]):
         batch = chunk.to_record_batch()
@@ -32,7 +32,8 @@ def plots(recording: Recording) -> dict[str, set[str]]:
                 view[name.split(":")[-1]] = [value for row in batch.column(name).to_pylist() if row for value in row]
     entities, out = recording.entities(), {}
     for view in views.values():
-        if view.get("class_identifier") == ["TimeSeries"]:
+        (name,) = view.get("display_name", [""])
+        if view.get("class_identifier") == ["TimeSeries"] and ": node " not in name:
             (origin,) = view["space_origin"]
             rules = [rule.strip().replace("$origin", origin) for text in view["query"] for rule in text.split("\n")]
             assert not [rule for rule in rules if rule.startswith("- ")]

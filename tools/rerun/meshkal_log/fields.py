@@ -116,6 +116,7 @@ class Batch:
     variance: np.ndarray | None = None  # (T, E, n), the diagonal of the covariance
     position_covariance: np.ndarray | None = None  # (T, E, p (p + 1) / 2), rows of the lower triangle
     fault: np.ndarray | None = None  # (T, rows of all nodes): what was added to the readings
+    frozen: np.ndarray | None = None
     # Of a linear log: (T, sum of own_rows); of a navigation log only the first: (T, N). NaN: no reading.
     innovation: np.ndarray | None = None
     innovation_variance: np.ndarray | None = None
@@ -133,6 +134,8 @@ class Batch:
     # Of a navigation log: (T, N).
     azimuth_deg: np.ndarray | None = None
     elevation_deg: np.ndarray | None = None
+    innovation_covariance: np.ndarray | None = None  # (T, N (N + 1) / 2), rows of the lower triangle
+    correction: np.ndarray | None = None  # (T, n)
     # Of filters that weigh readings: (T, slots).
     weight: np.ndarray | None = None
     weight_statistic: np.ndarray | None = None
@@ -159,9 +162,9 @@ class Decision(IntEnum):
 
 _OPTIONAL = ("truth", "error", "estimates_arrived", "variance", "position_covariance", "fault", "weight", "weight_statistic")
 _OPTIONAL_OF = {
-    LINEAR: ("innovation", "innovation_variance"),
+    LINEAR: ("innovation", "innovation_variance", "frozen"),
     TRACKING: ("theta", "tolerance", "nees", "messages_arrived", "disagreement", "consensus_disagreement"),
-    NAVIGATION: ("nees", "innovation"),
+    NAVIGATION: ("nees", "innovation", "innovation_covariance", "correction"),
 }
 
 
@@ -204,8 +207,14 @@ def lengths(header: Header) -> dict[str, tuple[np.dtype, int]]:
         "disagreement": (double, 1),
         "consensus_disagreement": (double, header.iterations + 1),
     }
-    sky = {"azimuth_deg": (double, header.nodes), "elevation_deg": (double, header.nodes), "innovation": (real, header.nodes)}
-    of_kind = {LINEAR: network | own, TRACKING: network | timed | tracking, NAVIGATION: timed | sky}
+    sky = {
+        "azimuth_deg": (double, header.nodes),
+        "elevation_deg": (double, header.nodes),
+        "innovation": (real, header.nodes),
+        "innovation_covariance": (real, header.nodes * (header.nodes + 1) // 2),
+        "correction": (real, header.states),
+    }
+    of_kind = {LINEAR: network | own | {"frozen": (byte, e)}, TRACKING: network | timed | tracking, NAVIGATION: timed | sky}
     return every | of_kind[header.kind] | monitor_lengths(header)
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .fields import Batch, Header, lengths, monitor_lengths, optional
+from .fields import Header, lengths, monitor_lengths, optional
 from .reader import LogError, LogReader, check_arrays
 
 _SAME = ("scenario_sha256", "filter", "real", "dt_s", "source", "monitor", "monitor_window", "monitor_false_alarm")
@@ -44,15 +44,11 @@ class JoinedReader(LogReader):
             slots |= zip(reader.header.estimator_nodes, reader.header.slots)
         nodes = tuple(sorted(slots))
         self.header = replace(first, estimators=len(nodes), estimator_nodes=nodes, slots=tuple(slots[k] for k in nodes))
+        own = {"estimators": len(nodes), "estimator_nodes": list(nodes), "slots": [list(slots[k]) for k in nodes]}
+        self.header_item = next(iter(readers.values())).header_item | own
         self.end = None
         self.warnings = []
         self._items = 0
-
-    def batches(self, run: int) -> Iterator[Batch]:
-        yield from super().batches(run)
-        ends = [reader.end for reader in self._readers.values()]
-        self.end = "complete" if all(end == "complete" for end in ends) else "interrupted" if all(ends) else None
-        self.warnings = [f"{name}: {text}" for name, reader in self._readers.items() for text in reader.warnings]
 
     def _steps(self) -> Iterator[dict]:
         sources = [(reader.header, _checked(name, reader)) for name, reader in self._readers.items()]
@@ -65,6 +61,9 @@ class JoinedReader(LogReader):
             yield self._together(*now, [(sources[i][0], heads[i]) for i in present], absent)
             for i in present:
                 heads[i] = next(sources[i][1], None)
+        ends = [reader.end for reader in self._readers.values()]
+        self.end = "complete" if all(end == "complete" for end in ends) else "interrupted" if all(ends) else None
+        self.warnings = [f"{name}: {text}" for name, reader in self._readers.items() for text in reader.warnings]
 
     def _together(self, run: int, step: int, parts: list, absent: set[str]) -> dict:
         item: dict = {"run": run, "step": step}

@@ -2,7 +2,6 @@
 """The command. Exit status: 0 done, 1 done in part, 2 wrong input and nothing written, 130 interrupted."""
 
 import argparse
-import signal
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -11,7 +10,9 @@ from typing import BinaryIO
 
 import rerun as rr
 
+from meshkal_log import converting
 from meshkal_log.reader import LogError
+from meshkal_log.signals import interruptible
 
 from .conversion import Wanted, convert
 from .views.blueprint import VIEWS
@@ -22,12 +23,15 @@ EXIT_INTERRUPTED = 130
 
 
 def main(arguments: list[str] | None = None) -> int:
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if arguments[:1] == ["convert"]:
+        return converting.command(arguments[1:])
     options = _options(arguments)
     shown = options.log[0] if len(options.log) == 1 else "joined logs"
     # Without it, rerun only warns about what it could not record, and the file would lack data.
     rr.set_strict_mode(True)
     try:
-        with _signals("-" in options.log), ExitStack() as streams:
+        with interruptible("-" in options.log), ExitStack() as streams:
             opened = {name: streams.enter_context(_open(name)) for name in options.log}
             remarks = convert(opened, _output(options), Wanted(options.run, options.view, options.node))
     except KeyboardInterrupt:
@@ -81,21 +85,3 @@ def _open(log: str) -> Iterator[BinaryIO]:
     else:
         with open(log, "rb") as stream:
             yield stream
-
-
-@contextmanager
-def _signals(reading_pipe: bool) -> Iterator[None]:
-    """SIGTERM cleans up as Ctrl-C does. In a pipe, Ctrl-C reaches the simulator too, which then ends its log properly: the first
-    one is left to it and what it wrote becomes a recording, the second one stops this program."""
-
-    def first_interrupt(_number: int, _frame: object) -> None:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler), signal.getsignal(signal.SIGINT)
-    if reading_pipe:
-        signal.signal(signal.SIGINT, first_interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before[0])
-        signal.signal(signal.SIGINT, before[1])

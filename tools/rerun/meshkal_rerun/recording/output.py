@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Writes an .rrd file whole or not at all."""
 
-import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,31 +10,24 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 
+from meshkal_log.output import whole_file
+
 APPLICATION_ID = "meshkal"
 
 
 @contextmanager
 def recording_file(output: Path, recording_id: str, blueprint: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
     """A stream to log into. `output` is there when the block ends without an exception, and is as it was otherwise. Raises OSError."""
-    if output.is_dir():
-        raise IsADirectoryError(f"{output} is a directory")
     rec = rr.RecordingStream(APPLICATION_ID, recording_id=recording_id)
     if not rec.is_enabled():
         raise OSError("rerun is switched off by the environment variable RERUN")
-    # In the same directory, so that the rename is one step of the file system.
-    temporary = output.with_name(f".{output.name}.{os.getpid()}.tmp")
-    # Where the file cannot be made, Python says so more clearly than rerun.
-    temporary.touch()
-    try:
+    with whole_file(output) as temporary:
         rec.save(temporary, default_blueprint=blueprint)
         try:
             yield rec
         finally:
             rec.disconnect()
         _check_whole(temporary)
-        os.replace(temporary, output)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _check_whole(path: Path) -> None:
