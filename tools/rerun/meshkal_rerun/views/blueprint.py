@@ -58,8 +58,7 @@ def views_of(shown: Shown) -> dict[str, rrb.Container]:
     else:
         tabs = {"overview": _overview(shown)}
     # Here are the places of the tabs "compare" and "consensus".
-    if not header.navigation:
-        tabs["node"] = node_blueprint.tab(header, scenario, first, shown.found, shown.named)
+    tabs["node"] = navigation_blueprint.node(first) if header.navigation else node_blueprint.tab(header, scenario, first, shown.found, shown.named)
     tabs.setdefault("summary", views.words("Summary"))
     if header.monitor:
         tabs["integrity"] = integrity_blueprint.tab(header, first)
