@@ -11,7 +11,7 @@ rises where innovations are too large, and the lowest and highest point of the r
 most exp(-r h) in a step, r from E exp(r (x - 1.5)) = 1 for x chi-square with one degree of freedom (Lundberg's bound)."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,6 +51,7 @@ def serious(episode: Episode) -> tuple[bool, float]:
 
 @dataclass(frozen=True)
 class Departures:
+    watched: bool = False  # else nothing is known
     episodes: tuple[Episode, ...] = ()  # in order of their begins
     of_position: bool = False  # the error is that of the position, in metres
     levels: np.ndarray | None = None  # (E,): settled level of the error over that of most estimators; None without truth
@@ -66,10 +67,11 @@ class Departures:
 
 
 class Watch:
-    """Takes all batches of a run; keeps ten bytes a step and estimator at most."""
+    """Takes all batches of a run; keeps ten bytes a step and estimator at most. most: of a run that goes on, batches beyond so many steps are
+    forgotten, the oldest first."""
 
-    def __init__(self, header: Header) -> None:
-        self._header = header
+    def __init__(self, header: Header, most: int | None = None) -> None:
+        self._header, self._most, self._forgotten = header, most, 0
         self._steps: list[np.ndarray] = []
         self._seconds: list[np.ndarray] = []
         self._error: list[np.ndarray] = []
@@ -90,6 +92,10 @@ class Watch:
                 self._error.append(error.astype(np.float32))
         self._silences.batch(batch)
         self._rows.append(np.minimum(batch.nis_rows, np.iinfo(np.uint16).max).astype(np.uint16))
+        while self._most and len(self._steps) > 1 and sum(map(len, self._steps)) > self._most:
+            self._forgotten += len(self._steps[0])
+            for kept in (self._steps, self._seconds, self._error, self._nis, self._rows):
+                del kept[:1]
 
     def departures(self) -> Departures:
         if not self._steps:
@@ -106,9 +112,10 @@ class Watch:
                            end == len(step) - 1, ratio, value, against)
 
         episodes = sorted((episode(*row) for row in found), key=lambda e: (e.begin_s, e.estimator, e.of_error))
-        silences, missing = self._silences.finish()
+        silences, missing = self._silences.so_far()
+        silences = [replace(s, begin=max(s.begin - self._forgotten, 0), end=s.end - self._forgotten) for s in silences if s.end >= self._forgotten]
         timed = tuple((s, episode(False, s.estimator, s.begin, s.end, s.begin, math.nan, math.nan, math.nan)) for s in silences)
-        return Departures(tuple(episodes), self._of_position, levels, timed, missing)
+        return Departures(True, tuple(episodes), self._of_position, levels, timed, missing)
 
 
 def seconds(batch: Batch, header: Header) -> np.ndarray:

@@ -51,6 +51,10 @@ class NodeRecorder:
         self._lanes = Lanes(series, clock)
         self._slots = Slots(header) if header.tracking else None
 
+    def rename(self, departures: Departures, named: Sequence[int]) -> None:
+        """Other nodes from now on: of a run that goes on."""
+        self._departures, self._estimators = departures, estimators(self._header, named)
+
     def batch(self, times: list, batch: Batch) -> None:
         decided = decisions(batch, self._slots) if self._slots else None
         fault = integrity.faulty_now(batch, self._header)

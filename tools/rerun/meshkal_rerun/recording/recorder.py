@@ -132,6 +132,9 @@ class Recorder:
             self._scene.style_again()
         if self._picture:
             self._picture.style_again(self._labels)
+        if self._nodes:
+            self._nodes.rename(found.departures, named)
+        self._departures, self._summary.head.found = found.departures, found
 
     def batch(self, batch: Batch) -> None:
         times = self._clock.times(batch)

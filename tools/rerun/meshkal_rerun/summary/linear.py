@@ -21,7 +21,7 @@ _FILTER_NAMES = {
 
 class Summary:
     def __init__(self, header: Header, scenario: Scenario, run: int, names: list[str], head: Head) -> None:
-        self._head = head
+        self.head = head
         self._header, self._scenario, self._run, self._names = header, scenario, run, names
         self._steps = 0
         self._last_step = 0
@@ -58,7 +58,7 @@ class Summary:
             self._last_rms_db = float(network["error_db"]["rms"][-1])
 
     def text(self, end: str | None, colour_range: tuple[float, float] | None) -> str:
-        return "\n\n".join([self._title(), self._head.text(self._good()), table("Result", self._result(end)), self._legend(colour_range), table("Scenario", self._facts())])
+        return "\n\n".join([self._title(), self.head.text(self._good()), table("Result", self._result(end)), self._legend(colour_range), table("Scenario", self._facts())])
 
     def _good(self) -> str:
         """In a line."""

@@ -83,7 +83,7 @@ def _plots(header: Header, first: Batch, compared: tuple[str, ...]) -> list[rrb.
 def _summary(header: Header) -> rrb.Horizontal:
     return rrb.Horizontal(
         rrb.TextDocumentView(origin="summary", name="Summary"),
-        text_log("integrity_events", "Alarms and faults"),
+        text_log("/", "Events", ["/events/**", "/integrity_events/**"]),
         column_shares=[5, 4],
         name="Summary",
     )
