@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: MIT
 """When an estimator went wrong: episodes in which its error, or its test quantity, departs from what is usual. Numbers only, no rerun.
 
-The error of several estimators: usual is the network's median in the same step, or its settled level if that is larger, times how much worse this
-estimator is than most throughout. Few estimators, the network's median itself, and a centre have their own settled level. An episode is where the
-error is twice the usual, and three times in three steps running. Before an error has come down to its settled level for the first time it settles,
-and does not depart. Levels are lower quartiles over time, so that a fault may last for most of a run.
+The error of several estimators: usual is the network's median in the same step, or its settled level if that is larger, times how much
+worse this estimator is than most throughout. Few estimators, the network's median itself, and a centre have their own settled level. An
+episode is where the error is twice the usual, and three times in three steps running. Before an error has come down to its settled level
+for the first time it settles, and does not depart. Levels are lower quartiles over time, so that a fault may last for most of a run.
 
-The test quantity, which needs no truth: a cumulative sum of the normalised innovations squared beyond half as many again as expected (Page's test). It
-rises where innovations are too large, and the lowest and highest point of the rise are begin and end. The sum of an estimator whose model fits exceeds h with a probability of at
-most exp(-r h) in a step, r from E exp(r (x - 1.5)) = 1 for x chi-square with one degree of freedom (Lundberg's bound)."""
+The test quantity, which needs no truth: a cumulative sum of the normalised innovations squared beyond half as many again as expected
+(Page's test). It rises where innovations are too large, and the lowest and highest point of the rise are begin and end. The sum of an
+estimator whose model fits exceeds h in a step with a probability of at most exp(-r h), where E exp(r (x - 1.5)) = 1 for x chi-square with
+one degree of freedom (Lundberg's bound).
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -176,8 +178,8 @@ def test_episodes(nis: np.ndarray, rows: np.ndarray) -> list[tuple]:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         quantity = nis / rows
         # A model that is off throughout has its own level; one that is too careful has none.
-        quartiles = {r: chi_square_upper_quantile(0.75, int(r)) / r for r in np.unique(rows) if r}
-        lower = np.vectorize(lambda r: quartiles.get(r, math.nan))(np.arange(rows.max() + 1.0))[rows.astype(np.int64)] if quartiles else np.full_like(rows, math.nan)
+        known, which = np.unique(rows, return_inverse=True)
+        lower = np.array([chi_square_upper_quantile(0.75, int(r)) / r if r else math.nan for r in known])[which].reshape(rows.shape)
         level = quantile(quantity / lower, 0.25, axis=0)
         beyond = rows * (quantity / np.where(level > 1.0, level, 1.0) - _DRIFT)
     beyond = np.clip(np.nan_to_num(beyond, nan=0.0, posinf=math.inf), None, 10.0 * limit)

@@ -112,7 +112,7 @@ class Recorder:
         self._picture = None if header.navigation else NetworkPicture(rec, header, scenario, found, self._palette, self._labels)
         self._departures = found.departures
         self._causes = Causes(header, found.departures.episodes)
-        self._nodes = None if header.navigation else NodeRecorder(self._series, self._clock, header, scenario, found.departures, named)
+        self._nodes = None if header.navigation else NodeRecorder(self._series, self._clock, header, scenario, found.departures, named, self._palette)
         self._story = Story(header)
         self._integrity = IntegrityRecorder(self._series, self._clock, header, scenario, self._palette, self._names, paths)
         self._marks = IntegrityMarks(rec, self._clock, header, scenario) if header.monitor and self._picture else None
