@@ -12,6 +12,7 @@ from ..numbers.silence import silence_text
 from ..numbers.survey import Survey
 
 _MOST = 3
+_LATE = 20  # steps, of the error after the test quantity
 
 
 class Head:
@@ -74,7 +75,8 @@ class Head:
 
     def _why(self, episode: Episode) -> str:
         """What the log knows of the begin, or, where the error is late, of the test quantity's that came before."""
-        before = [e for e in self.found.departures.of(episode.estimator) if e.begin_step <= episode.begin_step and e.end_step >= episode.begin_step]
+        mine = self.found.departures.of(episode.estimator)
+        before = [e for e in mine if 0 <= episode.begin_step - e.begin_step <= _LATE and e.end_step >= episode.begin_step]
         texts = list(dict.fromkeys(text for e in [episode, *before] for text in self._causes.texts.get(e, [])))
         if texts:
             return "; ".join(texts)
