@@ -26,6 +26,7 @@ class Scenario:
     range_limits_m: np.ndarray | None = None  # (N,), infinite where there is none
     planar: bool = True  # positions have two coordinates
     gate_policy: str = ""
+    states: tuple[str, ...] = ()  # names, empty if they have none
     # Of monitors: how much rho must exceed its median at the end of a fault.
     jump: float = 0.0
 
@@ -82,6 +83,7 @@ def _parse_tracking(header: Header, document: dict, model: object) -> Scenario:
         sensors=tuple(str(node.get("sensor")) for node in nodes),
         range_limits_m=np.array(limits, dtype=np.float64),
         planar=len(position_states) < 3,
+        states=tuple(map(str, names)),
         gate_policy=str(gate.get("policy", "skip")) if isinstance(gate, dict) else "skip",
         jump=_jump(document, header),
     )

@@ -2,7 +2,8 @@
 """The first reading of a log: who is worst, and how far values reach, so that what is shown can be chosen before it is written."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import zip_longest
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario
 
 from . import derive, navigation, tracking
+from .departures import NETWORK, Departures, Episode, Watch, serious
 
 # More would not be told apart, neither by colour nor in a legend.
 ALL_NAMED = 8
@@ -25,6 +27,13 @@ class Survey:
     badness: np.ndarray  # (E,): RMS of the error; without truth the mean of the test quantity; NaN: unknown
     shade_range_db: tuple[float, float] | None  # of what nodes are coloured by
     has_truth: bool = False  # that is then the error
+    departures: Departures = field(default_factory=Departures)  # when nodes went wrong
+
+    @property
+    def moment(self) -> Episode | None:
+        """When the worst estimator's error departed; if it did not, the most serious departure of all. None if there was none."""
+        worst = self.departures.worst(self.rank[0])
+        return worst if worst and worst.of_error else max(self.departures.episodes, key=serious, default=None)
 
 
 def quantities(batch: Batch, header: Header, scenario: Scenario) -> tuple[dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
@@ -54,10 +63,11 @@ def shade_db(each: dict[str, np.ndarray]) -> np.ndarray:
 
 def survey(batches: Iterable[Batch], header: Header, scenario: Scenario) -> Survey:
     squares, known, steps = np.zeros(header.estimators), np.zeros(header.estimators), 0
-    shades = []
+    shades, watch = [], Watch(header)
     for batch in batches:
         steps += len(batch.step)
         each = per_estimator(batch, header, scenario)
+        watch.batch(batch, each)
         shade = shade_db(each)
         shades.append(shade.astype(np.float32))
         known += np.isfinite(shade).sum(axis=0)
@@ -72,7 +82,7 @@ def survey(batches: Iterable[Batch], header: Header, scenario: Scenario) -> Surv
     # The extremes are left out: one start-up transient would otherwise paint the rest in one colour.
     span = tuple(float(q) for q in np.percentile(values, [10, 90])) if len(values) else None
     # NaN sorts last; equal ones stay in the order of their numbers.
-    return Survey(steps, tuple(int(e) for e in np.argsort(-badness, kind="stable")), badness, span, has_truth)
+    return Survey(steps, tuple(int(e) for e in np.argsort(-badness, kind="stable")), badness, span, has_truth, watch.departures())
 
 
 def unknown(header: Header) -> Survey:
@@ -81,10 +91,16 @@ def unknown(header: Header) -> Survey:
 
 
 def focus(header: Header, found: Survey, wanted: Sequence[int] = ()) -> tuple[int, ...]:
-    """Nodes that are named and coloured: those that are wanted, then the worst; of few all; of a centre its sensors."""
+    """Nodes that are named and coloured: those that are wanted, then the worst throughout and those that departed most, the worst first; of few all;
+    of a centre its sensors."""
     if header.central:
         return tuple(dict.fromkeys([*wanted, *range(header.nodes)]))
     if header.estimators <= ALL_NAMED:
         return header.estimator_nodes
-    worst = [header.estimator_nodes[e] for e in found.rank]
-    return tuple(dict.fromkeys([*wanted, *worst]))[: max(NAMED, len(wanted))]
+    departed = [episode.estimator for episode in sorted(found.departures.episodes, key=serious, reverse=True) if episode.estimator != NETWORK]
+    departed += [silence.estimator for silence, _ in found.departures.silences]
+    departed = list(dict.fromkeys(departed))
+    mixed = [e for pair in zip_longest(found.rank, departed) for e in pair if e is not None]
+    room = max(NAMED - len(wanted), 0)
+    chosen = set([e for e in dict.fromkeys(mixed) if header.estimator_nodes[e] not in wanted][:room])
+    return tuple(dict.fromkeys([*wanted, *(header.estimator_nodes[e] for e in found.rank if e in chosen)]))

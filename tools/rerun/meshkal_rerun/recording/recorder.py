@@ -10,25 +10,23 @@ import rerun as rr
 from meshkal_log.fields import LINEAR, NAVIGATION, TRACKING, Batch, Header
 from meshkal_log.scenario import Scenario
 from ..numbers import derive
+from ..numbers.causes import LOGGED, Causes, fault_text
 from ..numbers.integrity import Story
 from ..numbers.survey import ALL_NAMED, DRAWN_NODES, Survey, quantities
+from ..summary.head import Head
 from ..summary.linear import Summary
 from ..summary.navigation import NavigationSummary
 from ..summary.tracking import TrackingSummary
-from . import colours
+from . import colours, events
 from .integrity import IntegrityRecorder
 from .integrity_marks import IntegrityMarks
 from .navigation import NavigationRecorder, NavigationScene
 from .network import NetworkPicture
+from .node import NodeRecorder
 from .scene import Scene
 from .series import Clock, Series
 from .tracking import TrackingRecorder
 from .tracking_scene import TrackingScene
-
-# The bits of meshkal/rkfd.h.
-_FAULTS = {0: "measurement missing", 1: "estimate missing", 2: "input refused", 3: "no measurement at all"}
-# With lossy links the first two come and go at every step; they are drawn as counts and would bury the others here.
-_LOGGED = np.uint32(0xFFFFFFFF & ~0b11)
 
 BAND_NAME = "5 to 95 % of the nodes"
 
@@ -117,10 +115,13 @@ class Recorder:
         self._navigation = NavigationRecorder(rec, self._series, self._clock, header, self._palette) if header.navigation else None
         # The links of satellites to one receiver say nothing; the sky does.
         self._picture = None if header.navigation else NetworkPicture(rec, header, scenario, found, self._palette, self._labels)
+        self._departures = found.departures
+        self._causes = Causes(header, found.departures.episodes)
+        self._nodes = None if header.navigation else NodeRecorder(self._series, self._clock, header, scenario, found.departures, named, self._palette)
         self._story = Story(header)
         self._integrity = IntegrityRecorder(self._series, self._clock, header, scenario, self._palette, self._names, paths)
         self._marks = IntegrityMarks(rec, self._clock, header, scenario) if header.monitor and self._picture else None
-        self._summary = _SUMMARIES[header.kind](header, scenario, run, self._names)
+        self._summary = _SUMMARIES[header.kind](header, scenario, run, self._names, Head(header, found, self._causes, self._names))
         rec.send_recording_name(f"{scenario.name}: {header.filter}, run {run}")
 
     def _name(self, found: Survey, named: Sequence[int]) -> None:
@@ -136,6 +137,9 @@ class Recorder:
             self._scene.style_again()
         if self._picture:
             self._picture.style_again(self._labels)
+        if self._nodes:
+            self._nodes.rename(found.departures, named)
+        self._departures, self._summary.head.found = found.departures, found
 
     def batch(self, batch: Batch) -> None:
         times = self._clock.times(batch)
@@ -149,8 +153,11 @@ class Recorder:
         self._measurements(times, batch)
         # What became of readings says more than these, and is drawn for every sensor.
         fault_changes = 0 if self._header.timed else self._faults(batch)
-        events = self._story.batch(batch)
-        self._integrity.batch(times, batch, events)
+        self._causes.batch(batch)
+        if self._nodes:
+            self._nodes.batch(times, batch)
+        story = self._story.batch(batch)
+        self._integrity.batch(times, batch, story)
         if self._marks:
             self._marks.batch(batch)
         if self._scene:
@@ -158,7 +165,7 @@ class Recorder:
         if self._picture:
             self._picture.batch(times, batch, each)
         self._summary.batch(batch, each, network, fault_changes)
-        self._summary.integrity.batch(batch, events)
+        self._summary.integrity.batch(batch, story)
 
     def finish(self, end: str | None, more: Sequence[tuple[str, str]] = ()) -> None:
         """more: further rows of the result in the summary."""
@@ -166,6 +173,7 @@ class Recorder:
             self._scene.finish()
         if self._navigation:
             self._navigation.finish()
+        events.send(self._rec, self._clock, self._header, self._names, self._departures, self._causes)
         self._summary.more = list(more)
         self._rec.log("summary", rr.TextDocument(self._summary.text(end, self._shade_range if self._picture else None), media_type="text/markdown"), static=True)
 
@@ -177,6 +185,7 @@ class Recorder:
         if self._picture and _moved(self._shade_range, found.shade_range_db):
             self._shade_range = found.shade_range_db
             self._picture.shade(found, self._scenario)
+        self._departures, self._summary.head.found = found.departures, found
         self._summary.more = list(more)
         text = self._summary.text("live", self._shade_range if self._picture else None)
         times = self._clock.times(last, slice(-1, None))
@@ -257,7 +266,7 @@ class Recorder:
 
     def _faults(self, batch: Batch) -> int:
         """An entry when a node's faults change: a lasting fault would otherwise fill the log with the same line."""
-        faults = batch.faults & _LOGGED
+        faults = batch.faults & LOGGED
         before = np.vstack([self._last_faults, faults[:-1]])
         self._last_faults = faults[-1]
         at, who = np.nonzero(faults != before)
@@ -268,7 +277,3 @@ class Recorder:
             times = self._clock.times(batch, at)
             self._rec.send_columns("faults", times, rr.TextLog.columns(text=texts, level=levels))
         return int(np.count_nonzero(masks))
-
-
-def fault_text(mask: int) -> str:
-    return ", ".join(_FAULTS.get(bit, f"fault bit {bit}") for bit in range(32) if mask >> bit & 1) or "faults over"

@@ -104,6 +104,11 @@ class Clock:
     def times(self, batch: Batch, at: np.ndarray | slice = slice(None)) -> list:
         return self.columns(batch.step[at], None if batch.time_s is None else batch.time_s[at])
 
+    def instants(self, at: list[tuple[int, float]]) -> list:
+        """Of steps and seconds."""
+        steps, time_s = (np.array(values) for values in zip(*at))
+        return self.columns(steps, time_s if self._header.timed else None)
+
     def columns(self, step: np.ndarray, time_s: np.ndarray | None) -> list:
         """Nanoseconds as integers: rerun truncates a column of float seconds."""
         dt_s = self._header.dt_s

@@ -7,6 +7,7 @@ from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario
 from ..numbers import derive
 from .ending import ENDINGS
+from .head import Head
 from .integrity import IntegritySummary
 
 _FILTER_NAMES = {
@@ -20,7 +21,8 @@ _FILTER_NAMES = {
 
 
 class Summary:
-    def __init__(self, header: Header, scenario: Scenario, run: int, names: list[str]) -> None:
+    def __init__(self, header: Header, scenario: Scenario, run: int, names: list[str], head: Head) -> None:
+        self.head = head
         self._header, self._scenario, self._run, self._names = header, scenario, run, names
         self._steps = 0
         self._last_step = 0
@@ -58,7 +60,7 @@ class Summary:
 
     def text(self, end: str | None, colour_range: tuple[float, float] | None) -> str:
         result, facts = (table(heading, rows) for heading, rows in self.tables(end).items())
-        return "\n\n".join([self._title(), result, self._legend(colour_range), facts])
+        return "\n\n".join([self._title(), self.head.text(self._good()), result, self._legend(colour_range), facts])
 
     def tables(self, end: str | None) -> dict[str, list[tuple[str, str]]]:
         """Rows of name and value, in Markdown, by the tables' headings."""
@@ -68,6 +70,17 @@ class Summary:
         """Of the scenario, and of the filter in Markdown."""
         name, what = self._title().split("\n\n", 1)
         return name.removeprefix("# "), what
+
+    def _good(self) -> str:
+        """In a line."""
+        out = []
+        if self._known.any():
+            mean = self._squares.sum() / self._known.sum()
+            out.append(f"RMS error {np.sqrt(mean):.3g} ({db(mean)})" + (" over all nodes" if self._header.estimators > 1 else ""))
+        return ", ".join([*out, *self._fit()])
+
+    def _fit(self) -> list[str]:
+        return [f"test quantity {self._nis[0] / self._nis[1]:.2f} (expected 1)"] if self._nis[1] > 0 else []
 
     def _title(self) -> str:
         return f"# {self._scenario.name}\n\n{_FILTER_NAMES[self._header.filter]} (`{self._header.filter}`)"

@@ -9,6 +9,7 @@ from ..numbers import navigation as numbers
 from ..numbers.navigation import GROUPS
 from ..numbers.tracking import nees_band
 from .ending import ENDINGS
+from .head import Head
 from .linear import Summary
 
 _FILTER_NAMES = {
@@ -19,8 +20,8 @@ _FILTER_NAMES = {
 
 
 class NavigationSummary(Summary):
-    def __init__(self, header: Header, scenario: Scenario, run: int, names: list[str]) -> None:
-        super().__init__(header, scenario, run, names)
+    def __init__(self, header: Header, scenario: Scenario, run: int, names: list[str], head: Head) -> None:
+        super().__init__(header, scenario, run, names, head)
         self._error_squares = {group.key: np.zeros(2) for group in GROUPS}  # sum and count of instants
         self._decided = np.zeros(len(Decision), dtype=np.int64)
         self._nees = np.zeros(3)  # sum, inside the band, count
@@ -41,6 +42,12 @@ class NavigationSummary(Summary):
             self._nees += (nees.sum(), ((nees >= self._band[0]) & (nees <= self._band[1])).sum(), len(nees))
         self._first_s = float(batch.time_s[0]) if self._first_s is None else self._first_s
         self._last_s = float(batch.time_s[-1])
+
+    def _good(self) -> str:
+        squares, count = self._error_squares["position"]
+        out = [f"position RMSE {np.sqrt(squares / count):.4g} m"] if count else []
+        out += [f"NEES {self._nees[0] / self._nees[2]:.3g} (exact: {self._header.states})"] if self._nees[2] else []
+        return ", ".join([*out, *self._fit()])
 
     def _title(self) -> str:
         return f"# {self._scenario.name}\n\n{_FILTER_NAMES[self._header.filter]} (`{self._header.filter}`)"

@@ -7,6 +7,7 @@ from meshkal_log.fields import Batch, Decision, Header
 from meshkal_log.scenario import Scenario
 from ..numbers import tracking as numbers
 from .ending import ENDINGS
+from .head import Head
 from .linear import Summary, db
 
 _FILTER_NAMES = {
@@ -23,8 +24,8 @@ _FILTER_NAMES = {
 
 
 class TrackingSummary(Summary):
-    def __init__(self, header: Header, scenario: Scenario, run: int, names: list[str]) -> None:
-        super().__init__(header, scenario, run, names)
+    def __init__(self, header: Header, scenario: Scenario, run: int, names: list[str], head: Head) -> None:
+        super().__init__(header, scenario, run, names, head)
         self._readings = numbers.Slots(header)
         self._decided = np.zeros(len(Decision), dtype=np.int64)
         self._faulty = np.zeros(len(Decision), dtype=np.int64)
@@ -61,6 +62,13 @@ class TrackingSummary(Summary):
         self._last_s = float(batch.time_s[-1])
         if batch.disagreement is not None:
             self._apart = float(batch.disagreement[-1])
+
+    def _good(self) -> str:
+        if not self._position_known.any():
+            return super()._good()
+        rmse = f"position RMSE {np.sqrt(self._position_squares.sum() / self._position_known.sum()):.4g} m"
+        nees = [f"NEES {self._nees / self._nees_known:.3g} (exact: {self._header.states})"] if self._nees_known else []
+        return ", ".join([rmse, *nees, *self._fit()])
 
     def _title(self) -> str:
         return f"# {self._scenario.name}\n\n{_FILTER_NAMES[self._header.filter]} (`{self._header.filter}`)"

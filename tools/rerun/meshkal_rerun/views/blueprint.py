@@ -13,6 +13,7 @@ from ..recording.series import seconds_timeline
 from . import VIEWS
 from . import integrity as integrity_blueprint
 from . import navigation as navigation_blueprint
+from . import node as node_blueprint
 from . import parts as views
 from . import tracking as tracking_blueprint
 from .parts import Shown
@@ -56,7 +57,8 @@ def views_of(shown: Shown) -> dict[str, rrb.Container]:
         tabs = {"overview": tracking_blueprint.overview(shown)}
     else:
         tabs = {"overview": _overview(shown)}
-    # Here are the places of the tabs "node", "compare" and "consensus".
+    # Here are the places of the tabs "compare" and "consensus".
+    tabs["node"] = navigation_blueprint.node(first) if header.navigation else node_blueprint.tab(header, scenario, first, shown.found, shown.named)
     tabs.setdefault("summary", views.words("Summary"))
     if header.monitor:
         tabs["integrity"] = integrity_blueprint.tab(header, first)
