@@ -79,8 +79,8 @@ class Viewers(threading.Thread):
         self._rec.set_sinks(self._sink)
         last = cost = 0.0
         while not self._halt.is_set() and not self._queue.over:
-            # Of a large network, half of the time at most.
-            self._halt.wait(max(0.0, last + max(_INTERVAL_S, 2.0 * cost) - time.monotonic()))
+            # Of a large network, four fifths of the time at most.
+            self._halt.wait(max(0.0, last + max(_INTERVAL_S, 1.25 * cost) - time.monotonic()))
             last = time.monotonic()
             items, since = self._queue.take(_MOST_STEPS, _INTERVAL_S)
             if items:
