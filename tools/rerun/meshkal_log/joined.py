@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from .fields import Batch, Header, lengths, monitor_lengths, optional
-from .reader import LogError, LogReader, check_arrays, check_times
+from .reader import LogError, LogReader, Where, check_arrays, check_times
 
-_SAME = ("scenario_sha256", "filter", "real", "dt_s", "source", "monitor", "monitor_window", "monitor_false_alarm")
+SAME = ("scenario_sha256", "filter", "real", "dt_s", "source", "monitor", "monitor_window", "monitor_false_alarm")
 # What holds one number or more of each slot, of each estimator, and of each row of its own sensor. The optional ones some of the logs may lack.
 _SLOTS = ("measurements_arrived", "estimates_arrived")
 _EACH = ("estimate", "variance", "trace_covariance", "position_covariance", "theta", "tolerance", "nis", "nis_rows", "faults")
@@ -36,7 +36,7 @@ class JoinedReader(LogReader):
         for name, reader in readers.items():
             if reader.header.timed:
                 raise LogError(f"{name} is the log of a {reader.header.kind} scenario, {next(iter(readers))} is not; they cannot be joined")
-            for key in _SAME:
+            for key in SAME:
                 if getattr(reader.header, key) != getattr(first, key):
                     raise LogError(f"{name} does not belong to {next(iter(readers))}: its {key} is another")
             if reader.header.central:
@@ -72,6 +72,7 @@ class JoinedReader(LogReader):
             present = [i for i, head in enumerate(heads) if head is not None and (head["run"], head["step"]) == now]
             self.items += 1
             yield self._together(*now, [(sources[i][0], heads[i]) for i in present], absent)
+            self._last = now
             for i in present:
                 heads[i] = next(sources[i][1], None)
 
@@ -115,10 +116,9 @@ def _named(name: str, items: Iterator[dict]) -> Iterator[dict]:
 
 def _checked(reader: LogReader) -> Iterator[dict]:
     """Items whose arrays are as the log's own header says, so that none of them can shift another's."""
-    sizes, last = lengths(reader.header), None
+    sizes, last, where = lengths(reader.header), None, Where(reader)
     needed = ("estimates_arrived", *(("position_covariance",) if reader.header.positions else ()))
     for item in reader._steps():
-        where = reader._where(last)
         check_arrays(item, sizes, optional(reader.header), where)
         for key in needed:
             if key not in item:

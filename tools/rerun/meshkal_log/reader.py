@@ -64,7 +64,9 @@ class LogReader:
             raise LogError("not a Meshkal log")
         self._decoder = cbor2.CBORDecoder(self.stream, tag_hook=_array)
         self._last: tuple[int, int] | None = None  # run and step of the item before
-        self._start = self.position  # of the item that is read
+        self._tells = self.stream.seekable()
+        self._start: int | None = None  # of the item that was read
+        self._next_start = self.position
         self._largest = 0  # bytes of an item
         try:
             item = self._next()
@@ -79,7 +81,7 @@ class LogReader:
     @property
     def position(self) -> int | None:
         """In the input, in bytes; None where it does not tell."""
-        return self.stream.tell() if self.stream.seekable() else None
+        return self.stream.tell() if self._tells else None
 
     def batches(self, run: int) -> Iterator[Batch]:
         # A running node does not know how often its clock will be put back.
@@ -129,9 +131,9 @@ class LogReader:
         header, wanted, may_lack = self.header, lengths(self.header), optional(self.header)
         present_first: frozenset[str] = frozenset()
         last: tuple[int, int] | None = None
+        where = Where(self)
         for item in self._steps():
             if run is None or item["run"] == run:
-                where = self._where(last)
                 size = check_arrays(item, wanted, may_lack, where)
                 present = frozenset(key for key in may_lack if key in wanted and key in item)
                 if last is None or item["run"] != last[0]:
@@ -149,7 +151,7 @@ class LogReader:
                 return
 
     def _steps(self) -> Iterator[dict]:
-        count, known = 0, {*lengths(self.header), "run", "step"}
+        count, known, where = 0, {*lengths(self.header), "run", "step"}, Where(self)
         while True:
             try:
                 item = self._next()
@@ -157,7 +159,6 @@ class LogReader:
                 self._check_end()
                 self.warnings.append(f"the log was cut: it ends after {count} step items, without its end item")
                 return
-            where = self._where(self._last)
             if not isinstance(item, dict):
                 raise LogError(f"{where}: it is not a map")
             if "end" in item:
@@ -181,17 +182,10 @@ class LogReader:
         self.warnings.append(f"left out, because this program does not know what it is: {', '.join(sorted(map(str, keys)))}")
 
     def _check_end(self) -> None:
-        if self._start is not None and 0 < _LONGEST_CUT * self._largest < self.position - self._start:
-            raise LogError(f"{self._where(self._last, self.items + 1)}: it does not end, a length in it is wrong")
+        if self._tells and 0 < _LONGEST_CUT * self._largest < self.position - self._next_start:
+            raise LogError(f"{Where(self, unread=True)}: it does not end, a length in it is wrong")
 
-    def _where(self, last: tuple[int, int] | None, number: int | None = None) -> str:
-        byte = "" if self._start is None else f"byte {self._start}"
-        run = f"run {last[0]}, " if last and (self.header.runs > 1 or last[0]) else ""
-        after = f"after {run}step {last[1]}" if last else ""
-        place = ", ".join(filter(None, (byte, after)))
-        return f"item {number or self.items}" + (f" ({place})" if place else "")
-
-    def _finish(self, item: dict, count: int, where: str) -> None:
+    def _finish(self, item: dict, count: int, where: object) -> None:
         if item["end"] not in ("complete", "interrupted", "failed"):
             raise LogError(f"{where}: end is neither complete nor interrupted nor failed")
         self.end = item["end"]
@@ -203,7 +197,6 @@ class LogReader:
             self.warnings.append(f"the end item says {item.get('items')} step items, the log has {count}")
 
     def _next(self) -> object:
-        self._start = self.position
         try:
             item = self._decoder.decode()
         except (cbor2.CBORDecodeEOF, EOFError):
@@ -213,12 +206,28 @@ class LogReader:
         # Damaged input reaches the decoder's constructors too, which raise whatever they like.
         except Exception as error:
             reason = " ".join(str(error).split()) or type(error).__name__
-            where = self._where(self._last, self.items + 1) if self.items else "the header"
-            raise LogError(f"{where}: {reason}") from None
+            raise LogError(f"{Where(self, unread=True)}: {reason}") from None
         self.items += 1
-        if self._start is not None:
-            self._largest = max(self._largest, self.position - self._start)
+        if self._tells:
+            self._start, self._next_start = self._next_start, self.stream.tell()
+            self._largest = max(self._largest, self._next_start - self._start)
         return item
+
+
+class Where:
+    """The place of the item that was read, or of the one behind it that could not be, in words when it comes to that."""
+
+    def __init__(self, reader: LogReader, *, unread: bool = False) -> None:
+        self._reader, self._unread = reader, unread
+
+    def __str__(self) -> str:
+        reader, last = self._reader, self._reader._last
+        start = reader._next_start if self._unread else reader._start
+        byte = "" if start is None else f"byte {start}"
+        run = f"run {last[0]}, " if last and (reader.header.runs > 1 or last[0]) else ""
+        after = f"after {run}step {last[1]}" if last else ""
+        place = ", ".join(filter(None, (byte, after)))
+        return f"item {reader.items + self._unread}" + (f" ({place})" if place else "")
 
 
 def _array(*arguments: object) -> object:
@@ -318,7 +327,7 @@ def _header(item: object) -> Header:
     )
 
 
-def check_arrays(item: dict, lengths: dict[str, tuple[np.dtype, int]], optional: tuple[str, ...], where: str) -> int:
+def check_arrays(item: dict, lengths: dict[str, tuple[np.dtype, int]], optional: tuple[str, ...], where: object) -> int:
     """The bytes that they take. Raises LogError if one is not as it should be."""
     size = 0
     for key, (dtype, length) in lengths.items():
@@ -333,7 +342,7 @@ def check_arrays(item: dict, lengths: dict[str, tuple[np.dtype, int]], optional:
     return size
 
 
-def check_times(item: dict, header: Header, where: str) -> None:
+def check_times(item: dict, header: Header, where: object) -> None:
     """Raises LogError if the item's time is none, or a decision of a log that has times is unknown."""
     if header.timed:
         _check_timed(item, where)
@@ -341,7 +350,7 @@ def check_times(item: dict, header: Header, where: str) -> None:
         raise LogError(f"{where}: step {item['step']} with dt_s = {header.dt_s:g} is beyond the clock (292 years)")
 
 
-def _check_timed(item: dict, where: str) -> None:
+def _check_timed(item: dict, where: object) -> None:
     time_s = float(item["time_s"][0])
     if not np.isfinite(time_s):
         raise LogError(f"{where}: time_s is not finite")

@@ -3,9 +3,9 @@
 
 import math
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
@@ -20,15 +20,20 @@ from meshkal_log.joined import JoinedReader
 from meshkal_log.progress import Progress
 from meshkal_log.reader import LogError, LogReader
 from meshkal_log.scenario import Scenario, parse_scenario
+from meshkal_log.together import Label, check_comparable, groups, labels, spans
 
-from .numbers.survey import Survey, focus, survey
+from .numbers.difference import Difference, Differences
+from .numbers.survey import ALL_NAMED, Survey, focus, survey
 from .recording import begun as only_begun
-from .recording import comparison
+from .recording.colours import Palette
+from .recording.comparison import Compared, Comparison
 from .recording.output import recording_file
 from .recording.recorder import Recorder, recording_id
 from .views.blueprint import blueprint
 
 _CHUNK = 1 << 20
+# Nodes that are named since their errors differ most between logs.
+_STRIKING = 3
 
 
 @dataclass(frozen=True)
@@ -67,35 +72,51 @@ class Logs:
         self._limit = math.inf if self._interrupts.came else None
         self._keep, self._progress = keep, None
         self._opened, self._readings = 0, readings
+        self._groups: list[list[str]] | None = None  # names of logs that are one log together
         self._last: dict[str, LogReader] = {}  # by what is said before their warnings
 
-    def open(self) -> tuple[LogReader, list[tuple[str, str, LogReader]]]:
-        """The log that is shown, and names, labels and logs of those that it is compared with."""
-        readers = {}
-        for name, stream in self._streams.items():
-            stream.seek(0)
-            try:
-                readers[name] = LogReader(stream)
-            except LogError as error:
-                raise LogError(f"{name}: {error}" if len(self._streams) > 1 else str(error)) from None
-        first, others = next(iter(readers.values())), []
-        if len(readers) > 1 and first.header.timed:
-            others = [(name, label, readers[name]) for name, label in comparison.labels(readers).items()]
-        elif len(readers) > 1:
-            first = JoinedReader(readers)
-        size = sum(self._sizes.values()) if isinstance(first, JoinedReader) else self._sizes[next(iter(readers))]
+    def open(self) -> list[Compared]:
+        """The log that is shown, and those that it is compared with. Logs of nodes of one network are one log together."""
+        readers = self._readers()
+        if self._groups is None:
+            self._groups = groups({name: reader.header for name, reader in readers.items()}, lambda name: spans(name, self._reader(name)))
+            readers = self._readers()
+        parts = [(names[0], {name: readers[name] for name in names}) for names in self._groups]
+        whole = [(first, JoinedReader(part) if len(part) > 1 else part[first]) for first, part in parts]
+        (first_name, first), *others = whole
+        for name, other in others:
+            check_comparable(first_name, first.header, name, other.header)
+        self._last = {f"{name}: " if i else "": reader for i, (name, reader) in enumerate(whole)}
+        self._follow()
+        texts = labels([reader.header for _, reader in whole])
+        return [Compared(name, label, reader, self._shown(names)) for (name, reader), label, names in zip(whole, texts, self._groups)]
+
+    def _shown(self, names: Sequence[str]) -> str:
+        """The file without its folder, where that is enough, and how many more belong to it."""
+        short = [Path(name).name for name in self._streams]
+        first = Path(names[0]).name if len(set(short)) == len(short) else names[0]
+        return first + (f" and {len(names) - 1} more" if len(names) > 1 else "")
+
+    def _readers(self) -> dict[str, LogReader]:
+        return {name: self._reader(name) for name in self._streams}
+
+    def _reader(self, name: str) -> LogReader:
+        self._streams[name].seek(0)
+        try:
+            return LogReader(self._streams[name])
+        except LogError as error:
+            raise LogError(f"{name}: {error}" if len(self._streams) > 1 else str(error)) from None
+
+    def _follow(self) -> None:
+        """All logs are read side by side."""
+        size, readers = sum(self._sizes.values()), list(self._last.values())
         if not self._progress:
-            self._progress = Progress("reading", self._readings * size + sum(self._sizes[name] for name, _, _ in others))
+            self._progress = Progress("reading", self._readings * size)
             self._keep.callback(self._progress.close)
         done = self._opened * size
         self._opened += 1
-        self._last = {"": first} | {f"{name}: ": other for name, _, other in others}
-        first.watch = partial(self._watch, done)
-        done += size
-        for name, _, other in others:
-            other.watch = partial(self._watch, done)
-            done += self._sizes[name]
-        return first, others
+        for reader in readers:
+            reader.watch = partial(self._watch, lambda: done + sum(r.position or 0 for r in readers))
 
     def quiet(self, readings: int = 2) -> None:
         """Nothing more is shown until the next of so many readings."""
@@ -118,9 +139,9 @@ class Logs:
         place = "before the first step" if readers[0].step is None else f"at step {readers[0].step}" + (f" of {steps}" if steps else "")
         return f"stopped by {self._interrupts.name} {place}"
 
-    def _watch(self, done: int, reader: LogReader) -> bool:
+    def _watch(self, position: Callable[[], int], reader: LogReader) -> bool:
         """Reading stops at the first item after a signal; a later reading goes as far."""
-        self._progress.at(lambda: done + reader.position, reader.items - 1)
+        self._progress.at(position, reader.items - 1)
         if self._interrupts.came and self._limit is None:
             self._limit = reader.items
         return self._limit is not None and reader.items >= self._limit
@@ -146,16 +167,16 @@ class Plan:
     scenario: Scenario
     found: Survey
     named: tuple[int, ...]  # nodes
-    compared: tuple[str, ...]  # labels of other logs
+    compared: tuple[tuple[Label, Difference | None], ...]  # the shown log without, and others with their difference from it; or nothing
 
 
 Into = Path | Callable[[str, rrb.Blueprint], AbstractContextManager[rr.RecordingStream]]
 
 
 def convert(streams: dict[str, BinaryIO], output: Into, wanted: Wanted, interrupts: Interrupts | None = None) -> Converted:
-    """Writes the recording of one run. Several logs: those of nodes of one network; or of filters for tracking or navigation, the first of which is
-    shown and the others are compared with it. output: a file, or what makes a stream of an id and a blueprint. Raises LogError or OSError and leaves
-    a file alone."""
+    """Writes the recording of one run. Several logs: those of nodes of one network; or of one network by other filters, settings or programs, the
+    first of which is shown and the others are compared with it. output: a file, or what makes a stream of an id and a blueprint. Raises LogError or
+    OSError and leaves a file alone."""
     with ExitStack() as keep:
         return convert_logs(Logs(streams, keep, interrupts), output, wanted)
 
@@ -170,38 +191,69 @@ def convert_logs(logs: Logs, output: Into, wanted: Wanted) -> Converted:
 
 def plan(logs: Logs, wanted: Wanted, *, begun: bool = False) -> Plan:
     """begun: the run may have no steps yet. Raises LogError."""
-    reader, others = logs.open()
-    header, scenario = reader.header, parse_scenario(reader.header)
+    shown, *others = logs.open()
+    header, scenario = shown.reader.header, parse_scenario(shown.reader.header)
     nodes = _nodes(header, wanted.nodes)
-    found = survey(reader.batches(wanted.run), header, scenario)
+    differences = [Differences(header, other.reader.header, scenario, _named(other, wanted.run)) for other in others]
+    found = survey(_beside(shown.reader.batches(wanted.run), differences), header, scenario)
     if not found.steps and logs.stopped:
         raise LogError(f"{logs.stopped} of run {wanted.run}; nothing is written")
     if not found.steps and not begun:
         raise LogError(f"the log has no step of run {wanted.run}")
-    return Plan(header, scenario, found, focus(header, found, nodes), tuple(label for _, label, _ in others) if scenario.position_states else ())
+    if not found.steps:
+        return Plan(header, scenario, found, (), ())
+    results = [difference.result() for difference in differences]
+    for other, result in zip(others, results):
+        if not result.steps:
+            raise LogError(f"{other.name} cannot be compared with {shown.name}: they have no step of run {wanted.run} in common")
+    compared = ((shown.label, None), *((other.label, result) for other, result in zip(others, results))) if others else ()
+    return Plan(header, scenario, found, focus(header, found, (*nodes, *_striking(results))), compared)
+
+
+def _beside(batches: Iterator[Batch], differences: Sequence[Differences]) -> Iterator[Batch]:
+    for batch in batches:
+        for difference in differences:
+            difference.batch(batch)
+        yield batch
+
+
+def _named(other: Compared, run: int) -> Iterator[Batch]:
+    """Its batches; what is wrong with them is said with its name."""
+    try:
+        yield from other.reader.batches(run)
+    except LogError as error:
+        raise LogError(f"{other.name}: {error}") from None
+
+
+def _striking(results: Sequence[Difference]) -> tuple[int, ...]:
+    """Nodes whose errors differ most: where there are many, they are named before the worst ones."""
+    nodes = [k for result in results if len(result.pairing) > ALL_NAMED for k in result.striking(_STRIKING // len(results) or 1)]
+    return tuple(dict.fromkeys(nodes))
 
 
 def record(logs: Logs, planned: Plan, output: Into, wanted: Wanted) -> Converted:
     """The second reading: writes the recording."""
     header, scenario, found, named, compared = planned.header, planned.scenario, planned.found, planned.named, planned.compared
-    reader, others = logs.open()
+    shown, *others = logs.open()
+    others = [replace(other, found=result) for other, (_, result) in zip(others, compared[1:])]
+    reader, ids = shown.reader, [recording_id(other.reader.header, wanted.run) for other in others]
     batches = reader.batches(wanted.run)
     batch: Batch | None = next(batches, None)
     if batch is None:
         raise LogError("the log has changed while it was read")
     first_step = int(batch.step[0])
-    shown = blueprint(header, scenario, batch, found, named, compared, wanted.view)
-    with _into(output)(recording_id(header, wanted.run, compared), shown) as rec:
+    screen = blueprint(header, scenario, batch, found, named, compared, wanted.view)
+    with _into(output)(recording_id(header, wanted.run, ids), screen) as rec:
         recorder = Recorder(rec, header, scenario, wanted.run, found, named)
-        beside = comparison.Comparison(rec, scenario) if compared else None
+        beside = Comparison(rec, shown, others, scenario, wanted.run, Palette(header, named), named) if others else None
         while batch is not None:
             recorder.batch(batch)
             if beside:
-                beside.shown(batch)
+                beside.batch(batch)
             last_step = int(batch.step[-1])
             batch = next(batches, None)
-        recorder.finish(reader.end, _compared(beside, others, wanted.run) if beside else [])
-    remarks = reader.warnings + [f"{name}: {text}" for name, _, other in others for text in other.warnings]
+        recorder.finish(reader.end, beside.finish() if beside else [])
+    remarks = reader.warnings + [f"{other.name}: {text}" for other in others for text in other.reader.warnings]
     return Converted(remarks, (first_step, last_step))
 
 
@@ -210,7 +262,7 @@ def _into(output: Into) -> Callable[[str, rrb.Blueprint], AbstractContextManager
 
 
 def _begun(logs: Logs, output: Into, wanted: Wanted) -> Converted:
-    reader, _ = logs.open()
+    reader = logs.open()[0].reader
     for _ in reader.batches(wanted.run):
         raise LogError("the log has changed while it was read")
     with _into(output)(recording_id(reader.header, wanted.run), only_begun.blueprint()) as rec:
@@ -239,13 +291,3 @@ def _ranges(numbers: list[int]) -> str:
         else:
             parts.append([number, number])
     return ", ".join(str(a) if a == b else f"{a} to {b}" for a, b in parts)
-
-
-def _compared(beside: comparison.Comparison, others: Sequence[tuple[str, str, LogReader]], run: int) -> list[tuple[str, str]]:
-    rows = []
-    for index, (name, label, reader) in enumerate(others):
-        try:
-            rows.append(beside.other(label, reader, run, index))
-        except LogError as error:
-            raise LogError(f"{name}: {error}") from None
-    return [row for row in rows if row]

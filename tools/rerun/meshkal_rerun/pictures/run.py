@@ -76,17 +76,18 @@ class Run:
 
 def read(logs: Logs, planned: Plan, wanted: Wanted, time_s: float | None = None) -> Run:
     """time_s: the moment that maps show, the last instant not after it; None: the end. Raises LogError."""
-    reader, others = logs.open()
+    shown, *others = logs.open()
+    reader = shown.reader
     reading = _Reading(planned, wanted.run, time_s)
     for batch in reader.batches(wanted.run):
         reading.batch(batch)
     run = reading.finish(reader)
-    for name, label, other in others:
+    for other in others:
         try:
-            run.compared[label] = _network(other.batches(wanted.run), other.header, planned)
+            run.compared[other.label.text] = _network(other.reader.batches(wanted.run), other.reader.header, planned)
         except LogError as error:
-            raise LogError(f"{name}: {error}") from None
-        run.warnings += [f"{name}: {text}" for text in other.warnings]
+            raise LogError(f"{other.name}: {error}") from None
+        run.warnings += [f"{other.name}: {text}" for text in other.reader.warnings]
     return run
 
 
