@@ -145,7 +145,7 @@ def command(log: Path, directory: Path, home: Path, **environment: str) -> subpr
     for name in [name for name in env if name.startswith("XDG_")]:
         del env[name]
     (home / "tmp").mkdir(parents=True, exist_ok=True)
-    return subprocess.Popen([sys.executable, "-m", "meshkal_rerun.pictures", str(log), "--png", str(directory)], env=env, stdout=subprocess.PIPE,
+    return subprocess.Popen([sys.executable, "-m", "meshkal_rerun", str(log), "--png", str(directory)], env=env, stdout=subprocess.PIPE,
                             stderr=subprocess.PIPE, text=True)
 
 
