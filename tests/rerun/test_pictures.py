@@ -120,6 +120,8 @@ def test_a_moment(can_render, tmp_path):
         end = overview(shown, log, tmp_path / "run.rrd")
         then = overview(shown, log, None, {"timeline": "time_s", "duration": float(log.arrays["time_s"][0, 20, 0])})
         assert shown.views() == ["overview", "node", "consensus", "summary"]
+    # The viewer gives all recordings of one session the blueprint of the first.
+    with viewer.viewer(SIZE) as shown:
         flight = overview(shown, add_monitor(NavigationLog(), "exclude"), tmp_path / "flight.rrd")
         assert shown.views() == ["overview", "node", "integrity", "summary"]
     assert 0.001 < different(end, then) < 0.2
