@@ -96,7 +96,7 @@ $(MPI_PROGRAM): $(MPI_OBJECTS) $(filter-out %/main.o,$(HOST_OBJECTS)) $(LIBRARY)
 	@echo "  LD $@"
 	@OMPI_CC=$(CC) mpicc $(CFLAGS) $^ -lmetis $(HOST_LIBS) -o $@
 
-include tools/meshkal-node/node.mk
+include tools/meshkal-node/node.mk tools/rerun/pictures.mk
 
 -include $(MPI_OBJECTS:.o=.d) $(HOST_OBJECTS:.o=.d) $(BUILD)/src/meshkal/meshkal.d
 

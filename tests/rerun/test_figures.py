@@ -44,6 +44,12 @@ def test_error_of_a_network():
     assert [name for name in shown if name.startswith("node")][::-1] == [f"node {k}" for k in worst]
     for k in worst:
         np.testing.assert_allclose(shown[f"node {k}"], 20 * np.log10(error[:, k]), rtol=1e-9)
+    (band,) = [c for c in drawn(log)["error"].figure.axes[0].collections if c.get_label() == "5 to 95 % of the nodes"]
+    corners = band.get_paths()[0].vertices
+    low, high = 20 * np.log10(np.quantile(error, [0.05, 0.95], axis=1))
+    for t in range(30):
+        there = np.unique(corners[np.isclose(corners[:, 0], 0.1 * t), 1])
+        np.testing.assert_allclose([there.min(), there.max()], [low[t], high[t]], rtol=1e-9)
     x = drawn(log)["error"].figure.axes[0].lines[0].get_xdata()
     np.testing.assert_allclose(x, 0.1 * np.arange(30))
 
@@ -51,7 +57,7 @@ def test_error_of_a_network():
 def test_test_quantity_has_its_chi_square_band():
     log = Log(nodes=5, steps=20, rows=2)
     picture = drawn(log)["consistency"]
-    (band,) = [c for c in picture.figure.axes[0].collections if "95 %" in c.get_label()]
+    (band,) = [c for c in picture.figure.axes[0].collections if "95 % band" in c.get_label()]
     rows = int(log.arrays["nis_rows"][0, 0, 0])
     heights = np.unique(np.round(band.get_paths()[0].vertices[:, 1], 12))
     np.testing.assert_allclose([heights.min(), heights.max()], chi2.ppf([0.025, 0.975], rows) / rows, rtol=1e-6)

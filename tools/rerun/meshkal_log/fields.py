@@ -48,6 +48,7 @@ class Header:
     monitor_window: int
     monitor_false_alarm: float
     satellites: tuple[int, ...]  # numbers of the nodes of a navigation log, else empty
+    truth: str = ""  # what it was drawn from: "nominal" or "least-favourable"; "recorded" or "unknown"
 
     @property
     def tracking(self) -> bool:

@@ -324,6 +324,7 @@ def _header(item: object) -> Header:
         monitor_window=take("monitor_window", positive) if monitored else 0,
         monitor_false_alarm=take("monitor_false_alarm", lambda value: _is_finite_number(value) and 0 < value < 1) if monitored else 0.0,
         satellites=tuple(take("satellites", satellites_valid)) if kind == NAVIGATION else (),
+        truth=take("truth", text) if "truth" in item else "",
     )
 
 

@@ -106,7 +106,7 @@ def _written(options: argparse.Namespace, shown: str, interrupts: Interrupts) ->
             from . import pictures
 
             opened.quiet(readings=3)
-            remarks = pictures.write(opened, wanted, Path(options.png))
+            remarks = pictures.write(opened, wanted, Path(options.png), size=options.size or pictures.SIZE, time_s=options.time)
             status = told([text for text in remarks if text not in known], opened, shown, f"{options.png} shows what was read before", interrupts)
     return status
 
@@ -138,6 +138,8 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--view", choices=VIEWS, help="what is in front when the recording is opened (default: by what is in the log)")
     parser.add_argument("--node", type=node_numbers, default=(), metavar="K[,K...]", help="nodes to show by name, before the worst ones")
     parser.add_argument("--png", metavar="DIR", help="write the views and plots as pictures into DIR; without -o, only these")
+    parser.add_argument("--time", type=float, metavar="SECONDS", help="of --png: the moment that is shown (default: the end)")
+    parser.add_argument("--size", type=_size, metavar="WxH", help="of --png: of the views, in pixels (default: 1600x1000)")
     live.add_arguments(parser)
     options = parser.parse_args(arguments)
     if options.live:
@@ -168,6 +170,13 @@ def run_number(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text!r} is not a run number")
     return int(text)
+
+
+def _size(text: str) -> tuple[int, int]:
+    parts = text.split("x")
+    if len(parts) != 2 or not all(part.isdecimal() and 200 <= int(part) <= 8000 for part in parts):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a size from 200x200 to 8000x8000, as 1600x1000")
+    return int(parts[0]), int(parts[1])
 
 
 def node_numbers(text: str) -> tuple[int, ...]:

@@ -4,11 +4,7 @@
 import numpy as np
 
 from meshkal_log.fields import Batch, Header
-
-# The bits of meshkal/rkfd.h.
-NAMES = {0: "measurement missing", 1: "estimate missing", 2: "input refused", 3: "no measurement at all"}
-# With lossy links the first two come and go at every step; they are drawn as counts and would bury the others here.
-_TOLD = np.uint32(0xFFFFFFFF & ~0b11)
+from .causes import LOGGED
 
 
 class FaultChanges:
@@ -19,12 +15,8 @@ class FaultChanges:
 
     def of(self, batch: Batch) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Places in the batch, estimators, and their faults from then on; 0: they are over."""
-        faults = batch.faults & _TOLD
+        faults = batch.faults & LOGGED
         before = np.vstack([self._last, faults[:-1]])
         self._last = faults[-1]
         at, who = np.nonzero(faults != before)
         return at, who, faults[at, who]
-
-
-def text(mask: int) -> str:
-    return ", ".join(NAMES.get(bit, f"fault bit {bit}") for bit in range(32) if mask >> bit & 1) or "faults over"

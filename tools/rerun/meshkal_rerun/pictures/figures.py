@@ -274,7 +274,9 @@ def _finish(axes: Axes, label: str, run: Run, *, last: bool = True, legend: bool
         axes.xaxis.set_major_formatter(matplotlib.dates.ConciseDateFormatter(axes.xaxis.get_major_locator(), tz=UTC))
     handles, labels = axes.get_legend_handles_labels()
     if legend and len(labels) > 1:
-        axes.legend(handles[::-1], labels[::-1], ncols=min(4, len(labels)), loc="best" if len(run.seconds) <= 2000 else "upper right")
+        drawn = axes.legend(handles[::-1], labels[::-1], ncols=min(4, len(labels)), loc="best" if len(run.seconds) <= 2000 else "upper right")
+        for line in drawn.get_lines():
+            line.set(linewidth=max(1.2, line.get_linewidth()), alpha=1.0)
     axes.margins(x=0.01)
 
 

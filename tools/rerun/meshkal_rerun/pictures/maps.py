@@ -9,9 +9,11 @@ from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
+from meshkal_log.fields import Header
+
 from ..numbers.navigation import sky
 from ..recording import colours
-from ..recording.network import graph_edges, graph_positions
+from ..recording.network import links, plane_positions
 from ..recording.sky import RINGS_DEG
 from . import paper
 from .figures import Picture
@@ -40,9 +42,9 @@ def _network(run: Run) -> Picture | None:
     axes = figure.subplots()
     places = run.plan.scenario.all_positions_m
     placed = places is not None
-    places = places[:, :2] if placed else graph_positions(None, header) * (1.0, -1.0)
-    edges, _ = graph_edges(header)
-    axes.add_collection(LineCollection(places[np.array(edges, dtype=np.intp).reshape(-1, 2)], colors=paper.LINK, linewidths=0.6, zorder=1))
+    places = places[:, :2] if placed else plane_positions(None, header) * (1.0, -1.0)
+    edges = _edges(header)
+    axes.add_collection(LineCollection(places[edges], colors=paper.LINK, linewidths=0.6, zorder=1))
     values = np.full(header.nodes, np.nan)
     values[list(header.estimator_nodes)] = run.moment.shade_db
     low, high = run.plan.found.shade_range_db or (0.0, 0.0)
@@ -95,8 +97,7 @@ def _plane(axes: Axes, run: Run, i: int, j: int, *, near: bool = False) -> None:
     sensors = scenario.node_positions_m
     if sensors is not None:
         if not header.central and not header.navigation:
-            edges = np.array([edge for edge in graph_edges(header)[0]], dtype=np.intp).reshape(-1, 2)
-            axes.add_collection(LineCollection(sensors[edges][:, :, [i, j]], colors=paper.LINK, linewidths=0.5, zorder=1))
+            axes.add_collection(LineCollection(sensors[_edges(header)][:, :, [i, j]], colors=paper.LINK, linewidths=0.5, zorder=1))
         axes.plot(sensors[:, i], sensors[:, j], "^", color="#888888", markersize=4 if header.nodes <= 100 else 2, label="sensors", zorder=2)
     if run.path is not None:
         axes.plot(run.path[:, i], run.path[:, j], color=paper.TRUTH, linewidth=1.0, label="truth", zorder=3)
@@ -178,6 +179,11 @@ def ellipses(packed: np.ndarray, i: int, j: int) -> tuple[np.ndarray, np.ndarray
     middle, apart = (a + c) / 2.0, np.hypot((a - c) / 2.0, b)
     width, height = (2.0 * SIGMAS * np.sqrt(np.maximum(value, 0.0)) for value in (middle + apart, middle - apart))
     return width, height, np.degrees(0.5 * np.arctan2(2.0 * b, a - c))
+
+
+def _edges(header: Header) -> np.ndarray:
+    """(M, 2), whatever their direction."""
+    return np.concatenate([pairs.reshape(-1, 2) for pairs in links(header)]).astype(np.intp)
 
 
 def _scale() -> ListedColormap:

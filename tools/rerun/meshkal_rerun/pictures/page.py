@@ -80,3 +80,24 @@ def code(value: str) -> str:
 
 def folded(summary: str, inside: str) -> str:
     return f"<details>\n<summary>{text(summary)}</summary>\n{inside}\n</details>"
+
+
+def markdown(value: str) -> str:
+    """Of what summaries are made of: headings, tables with a heading row, lists and paragraphs."""
+    out = []
+    for part in value.split("\n\n"):
+        lines = [line for line in part.splitlines() if line.strip()]
+        if not lines:
+            continue
+        if lines[0].startswith("#"):
+            out += [f"<h3>{marked(line.lstrip('# '))}</h3>" for line in lines]
+        elif lines[0].startswith("|"):
+            rows = [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in lines]
+            body = "\n".join("<tr>" + "".join(f"<td>{marked(cell)}</td>" for cell in row) + "</tr>" for row in rows[2:])
+            head = "".join(f'<th scope="col">{marked(cell)}</th>' for cell in rows[0])
+            out.append(f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>")
+        elif lines[0].startswith("- "):
+            out.append("<ul>\n" + "\n".join(f"<li>{marked(line[2:])}</li>" for line in lines) + "\n</ul>")
+        else:
+            out += [f"<p>{marked(line)}</p>" for line in lines]
+    return "\n".join(out)

@@ -4,6 +4,7 @@
 import argparse
 import io
 import os
+import re
 import shlex
 import tempfile
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from meshkal_log.interrupts import Interrupts
 
 from .. import cli, conversion
 from ..conversion import Logs, Wanted
+from ..numbers.causes import when
 from . import SIZE, figures, page, paper, pictures, png, rendered, viewer
 from .figures import Picture
 from .run import Run, read
@@ -88,6 +90,8 @@ def _parts(run: Run, shown: list[str]) -> Iterator[str]:
     name, what = run.title
     yield f"<h1>{page.text(name)}</h1>"
     yield page.paragraph(what, "faint")
+    # What is said of tabs is for the viewer.
+    yield from (page.paragraph(line) for line in run.headlines if not line.startswith("**Look next"))
     for warning in run.warnings:
         yield page.paragraph(f"**Warning:** {warning}")
     yield page.heading("Result")
@@ -95,6 +99,9 @@ def _parts(run: Run, shown: list[str]) -> Iterator[str]:
     if run.header.estimators > 1:
         yield page.heading("Worst nodes")
         yield _worst(run)
+    if run.comparison:
+        yield page.heading("Comparison")
+        yield page.markdown(run.comparison)
     yield page.heading("Plots")
     for picture in pictures(run):
         yield _figure(picture)
@@ -110,8 +117,8 @@ def _parts(run: Run, shown: list[str]) -> Iterator[str]:
     yield from _again(run)
 
 
-def worst_rows(run: Run) -> Iterator[tuple[str, str, str, str]]:
-    """Of the worst nodes: name, RMS over the run, the largest value, and when that was."""
+def worst_rows(run: Run) -> Iterator[tuple[str, ...]]:
+    """Of the worst nodes: name, RMS over the run, the largest value, when that was, and when the node departed most from what is usual."""
     found = run.plan.found
     quantity = figures.error_quantity(run)
     for e in found.rank[:WORST]:
@@ -125,14 +132,15 @@ def worst_rows(run: Run) -> Iterator[tuple[str, str, str, str]]:
             values = f"{bad:.4g}", f"{10.0 ** (largest / 20.0):.4g}"
         else:
             values = f"{bad:.3f}", f"{10.0 ** (largest / 10.0):.3f}"
-        yield run.names[e], *values, f"{run.largest_s[e]:.6g}"
+        episode = found.departures.worst(e)
+        yield run.names[e], *values, f"{run.largest_s[e]:.6g}", when(episode) if episode else "never"
 
 
 def _worst(run: Run) -> str:
     what = {"error_db": "error, dB", "position_error": "position error, m", None: "test quantity"}[figures.error_quantity(run)]
     mean = "mean of the" if figures.error_quantity(run) is None else "RMS"
     caption = f"Of {run.header.estimators}; expected test quantity: 1" if figures.error_quantity(run) is None else f"Of {run.header.estimators}"
-    return page.table(("node", f"{mean} {what}", f"largest {what}", "at, s"), worst_rows(run), caption)
+    return page.table(("node", f"{mean} {what}", f"largest {what}", "at, s", "went wrong"), worst_rows(run), caption)
 
 
 def _figure(picture: Picture) -> str:
@@ -140,7 +148,9 @@ def _figure(picture: Picture) -> str:
         out = io.StringIO()
         # Without a date the same run gives the same page.
         picture.figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
-        return page.figure(out.getvalue().encode(), "svg+xml", picture.title, picture.alt)
+        # The document type names an address, and viewers do without it.
+        drawing = re.sub(r"<!DOCTYPE[^>]*>\s*", "", out.getvalue(), count=1)
+        return page.figure(drawing.encode(), "svg+xml", picture.title, picture.alt)
     out = io.BytesIO()
     picture.figure.savefig(out, format="png")
     return page.figure(png.encoded(Image.open(out)), "png", picture.title, picture.alt)
@@ -167,12 +177,18 @@ def _again(run: Run) -> Iterator[str]:
 
 
 def simulation(run: Run) -> list[str]:
-    """The command that writes the same log; `nominal` truth is its default."""
+    """The command that writes the same log. What a log does not say is taken from the scenario: a tolerance or a rule given by an option is lost."""
     header = run.header
     words = ["meshkal", "simulate", "scenario.json", "--filter", header.filter, "--seed", str(header.seed), "--steps", str(header.steps),
              "--runs", str(header.runs), "--real", header.real]
-    if header.loss and not header.navigation:
-        words += ["--loss", repr(header.loss)]
+    if header.truth == "least-favourable":
+        words += ["--truth", header.truth]
+    if header.loss:
+        words += ["--loss", repr(float(header.loss))]
+    if header.tracking:
+        words += ["--gate", repr(float(header.gate)) if header.gate else "none", "--increments", str(header.increments)]
+    if header.filter == "duif":
+        words += ["--protocol", header.protocol, "--iterations", str(header.iterations)]
     if header.monitor:
-        words += ["--monitor", header.monitor, "--window", str(header.monitor_window), "--false-alarm", repr(header.monitor_false_alarm)]
+        words += ["--monitor", header.monitor, "--window", str(header.monitor_window), "--false-alarm", repr(float(header.monitor_false_alarm))]
     return [*words, "--out", "run.cbor"]

@@ -7,18 +7,21 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from meshkal_log.fields import Batch, Header
-from meshkal_log.reader import LogError, LogReader
-from meshkal_log.scenario import positions_of
+from meshkal_log.reader import LogError
+from meshkal_log.scenario import parse_scenario, positions_of
 
 from ..conversion import Logs, Plan, Wanted
 from ..numbers import derive, integrity, navigation, tracking
+from ..numbers.causes import Causes, fault_text
 from ..numbers.faults import FaultChanges
-from ..numbers.faults import text as fault_text
-from ..numbers.integrity import Event, Story
+from ..numbers.integrity import Story
 from ..numbers.survey import quantities, shade_db
 from ..numbers.tracking import chi_square_upper_quantile
+from ..recording import events as departure_events
+from ..recording.comparison import Compared
 from ..recording.recorder import estimator_names
-from ..summary import SUMMARIES
+from ..summary import SUMMARIES, compare
+from ..summary.head import Head
 
 # Events that are kept as texts.
 _KEPT = 10_000
@@ -66,6 +69,8 @@ class Run:
     moment: Moment | None = None
     tables: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
     title: tuple[str, str] = ("", "")
+    comparison: str = ""  # Markdown, of compared logs
+    headlines: list[str] = field(default_factory=list)  # Markdown
     warnings: list[str] = field(default_factory=list)
     compared: dict[str, tuple[np.ndarray, dict[str, dict[str, np.ndarray]]]] = field(default_factory=dict)  # seconds and network, by label
 
@@ -77,14 +82,13 @@ class Run:
 def read(logs: Logs, planned: Plan, wanted: Wanted, time_s: float | None = None) -> Run:
     """time_s: the moment that maps show, the last instant not after it; None: the end. Raises LogError."""
     shown, *others = logs.open()
-    reader = shown.reader
     reading = _Reading(planned, wanted.run, time_s)
-    for batch in reader.batches(wanted.run):
+    for batch in shown.reader.batches(wanted.run):
         reading.batch(batch)
-    run = reading.finish(reader)
+    run = reading.finish(shown, others)
     for other in others:
         try:
-            run.compared[other.label.text] = _network(other.reader.batches(wanted.run), other.reader.header, planned)
+            run.compared[other.label.text] = _network(other.reader.batches(wanted.run), other.reader.header)
         except LogError as error:
             raise LogError(f"{other.name}: {error}") from None
         run.warnings += [f"{other.name}: {text}" for text in other.reader.warnings]
@@ -111,7 +115,9 @@ class _Reading:
         place = {e: i for i, e in enumerate(planned.found.rank)}
         self._run = Run(planned, number, tuple(sorted(named, key=place.__getitem__)), estimator_names(header))
         self._run.largest, self._run.largest_s = np.full(header.estimators, np.nan), np.full(header.estimators, np.nan)
-        self._summary = SUMMARIES[header.kind](header, planned.scenario, number, self._run.names)
+        self._causes = Causes(header, planned.found.departures.episodes)
+        head = Head(header, planned.found, self._causes, self._run.names)
+        self._summary = SUMMARIES[header.kind](header, planned.scenario, number, self._run.names, head)
         self._faults, self._story = FaultChanges(header), Story(header)
         self._kept: dict[tuple, list[np.ndarray]] = {}
         self._held, self._changes = integrity.Held(header), {}
@@ -143,6 +149,7 @@ class _Reading:
         if batch.consensus_disagreement is not None:
             self._keep("consensus", derive.decibels(batch.consensus_disagreement))
         self._worst(times, shade_db(each))
+        self._causes.batch(batch)
         events = self._story.batch(batch)
         self._tell([(event.time_s, integrity.text(event, header, run.names)) for event in events])
         self._integrity(times, batch)
@@ -151,7 +158,7 @@ class _Reading:
         self._moment(times, batch, each)
         self._before = float(times[-1])
 
-    def finish(self, reader: LogReader) -> Run:
+    def finish(self, shown: Compared, others: list[Compared]) -> Run:
         run = self._run
         for path, parts in self._kept.items():
             values = np.concatenate(parts)
@@ -163,8 +170,19 @@ class _Reading:
                 getattr(run, path[0]).setdefault(path[1], {})[path[2]] = values
         if run.moment is None:
             raise LogError(f"the run is from {self._begin:g} s to {run.seconds[-1]:g} s: there is nothing at {self._time_s:g} s")
+        departed = departure_events.entries_of(self._header, run.names, run.plan.found.departures, self._causes)
+        # All of them: they are few, and say most.
+        run.events += [(second, text) for entries in departed.values() for _, second, text, _ in entries]
+        run.event_count += sum(map(len, departed.values()))
         run.events.sort(key=lambda event: event[0])
-        run.tables, run.title, run.warnings = self._summary.tables(reader.end), self._summary.title(), list(reader.warnings)
+        run.headlines = self._summary.headlines()
+        found = [difference for _, difference in run.plan.compared[1:]]
+        for other, difference in zip(others, found):
+            self._summary.more += compare.rows(other.label.text, difference)
+        if others:
+            every = [(log.files, log.label, log.reader.header) for log in (shown, *others)]
+            run.comparison = compare.text(every[0], every[1:], found)
+        run.tables, run.title, run.warnings = self._summary.tables(shown.reader.end), self._summary.title(), list(shown.reader.warnings)
         return run
 
     def _keep(self, *path_and_values: object) -> None:
@@ -238,13 +256,13 @@ class _Reading:
         )
 
 
-def _network(batches: Iterator[Batch], header: Header, planned: Plan) -> tuple[np.ndarray, dict[str, dict[str, np.ndarray]]]:
-    times, kept = [], {}
+def _network(batches: Iterator[Batch], header: Header) -> tuple[np.ndarray, dict[str, dict[str, np.ndarray]]]:
+    times, kept, scenario = [], {}, parse_scenario(header)
     for batch in batches:
         times.append(seconds(batch, header))
-        for quantity, summaries in quantities(batch, header, planned.scenario)[1].items():
+        for quantity, summaries in quantities(batch, header, scenario)[1].items():
             for name, row in summaries.items():
                 kept.setdefault(quantity, {}).setdefault(name, []).append(row)
     if not times:
-        raise LogError(f"the log has no step of the run that is shown")
+        raise LogError("the log has no step of the run that is shown")
     return np.concatenate(times), {q: {name: np.concatenate(rows) for name, rows in of.items()} for q, of in kept.items()}

@@ -6,6 +6,7 @@ import io
 import json
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import tempfile
@@ -31,6 +32,8 @@ PAINT_S = 90.0
 # For so long after a file was opened the viewer says so in a corner.
 NOTICE_S = 3.5
 _CONTROL_S = 10.0
+# Titles of tabs that do not begin with the name of their view.
+_OTHER_TITLES = {"navigation": "node"}
 
 
 class NoViewer(Exception):
@@ -61,6 +64,8 @@ class Viewer:
             self._blueprint = self._client.get_blueprint(store_id=self._store).blueprint
         root = self._blueprint["/viewport"]["ViewportBlueprint"]["root_container"]
         self._tabs = self._blueprint[f"/container/{root}"]["ContainerBlueprint"]
+        # The bar at the top warns of the machine, and says nothing of the recording.
+        self._blueprint["/top_panel"] = {"PanelBlueprint": {"state": "Hidden"}}
         if self._tabs["container_kind"] != "Tabs":
             raise ViewerError("the recording's views are not in tabs")
 
@@ -94,7 +99,8 @@ class Viewer:
         for tab in self._tabs["contents"]:
             said = self._blueprint[f"/{tab}"]
             title = (said.get("ContainerBlueprint") or said.get("ViewBlueprint")).get("display_name", "")
-            out.setdefault(title.split(" ")[0].lower(), tab)
+            name = title.split(" ")[0].lower()
+            out.setdefault(_OTHER_TITLES.get(name, name), tab)
         return {name: out[name] for name in VIEWS if name in out}
 
     @contextmanager
@@ -107,7 +113,10 @@ class Viewer:
         except ViewerError:
             raise
         except Exception as error:
-            ended = self._process.poll()
+            try:
+                ended = self._process.wait(0.5)
+            except subprocess.TimeoutExpired:
+                ended = None
             reason = f"it did not within {seconds:.0f} s" if ended == -9 else f"it ended with status {ended}" if ended is not None else _line(error)
             raise ViewerError(f"the viewer could not {what}: {reason}") from None
         finally:
@@ -116,13 +125,29 @@ class Viewer:
 
 @contextmanager
 def viewer(size: tuple[int, int] = SIZE) -> Iterator[Viewer]:
-    """It is gone when the block ends, however it ends. Raises NoViewer or ViewerError."""
-    with tempfile.TemporaryDirectory(prefix="meshkal-viewer-", ignore_cleanup_errors=True) as home:
+    """It is gone when the block ends, however it ends. Raises NoViewer or ViewerError; in the block a signal raises KeyboardInterrupt at once."""
+    with _interruptible(), tempfile.TemporaryDirectory(prefix="meshkal-viewer-", ignore_cleanup_errors=True) as home:
         process, client = _start(Path(home), size)
         try:
             yield Viewer(process, client)
         finally:
             _end(process)
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Who reads logs lets a first signal end the reading only; here nothing is read."""
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    try:
+        for number, handler in before.items():
+            if handler != signal.SIG_IGN:
+                signal.signal(number, signal.default_int_handler)
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _start(home: Path, size: tuple[int, int]) -> tuple[subprocess.Popen, ViewerClient]:
@@ -169,7 +194,7 @@ def _environment(home: Path) -> dict[str, str]:
     data = folders["XDG_DATA_HOME"] / "rerun" / "analytics"
     settings.write_text(json.dumps({"analytics_enabled": False, "analytics_id": "", "metadata": {}, "config_file_path": str(settings),
                                     "data_dir_path": str(data)}))
-    return {**os.environ, "HOME": str(home), **{name: str(folder) for name, folder in folders.items()}, "MESA_SHADER_CACHE_DISABLE": "true"}
+    return {**os.environ, "HOME": str(home), "TMPDIR": str(home), **{name: str(folder) for name, folder in folders.items()}, "MESA_SHADER_CACHE_DISABLE": "true"}
 
 
 def _connect(port: int, process: subprocess.Popen) -> ViewerClient | None:

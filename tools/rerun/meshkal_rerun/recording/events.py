@@ -25,6 +25,13 @@ def name(names: list[str], estimator: int) -> str:
 
 
 def send(rec: rr.RecordingStream, clock: Clock, header: Header, names: list[str], departures: Departures, causes: Causes) -> None:
+    for entity, mine in entries_of(header, names, departures, causes).items():
+        _, _, texts, levels = zip(*mine)
+        rec.send_columns(entity, clock.instants([entry[:2] for entry in mine]), rr.TextLog.columns(text=texts, level=levels))
+
+
+def entries_of(header: Header, names: list[str], departures: Departures, causes: Causes) -> dict[str, list[tuple[int, float, str, str]]]:
+    """Step, second, text and level of each entry, in order of time, by entity."""
     entries: dict[str, list[tuple[int, float, str, str]]] = {}
     for episode in sorted(departures.episodes, key=serious, reverse=True)[:MOST]:
         who = name(names, episode.estimator)
@@ -35,10 +42,9 @@ def send(rec: rr.RecordingStream, clock: Clock, header: Header, names: list[str]
     for silence, span in departures.silences[:MOST]:
         said = silence_text(silence, names[silence.estimator], header.central)
         _add(entries, path(header, silence.estimator), span, said, "", f"{names[silence.estimator]}: silence is over", "WARN")
-    for entity, mine in entries.items():
+    for mine in entries.values():
         mine.sort(key=lambda entry: entry[0])
-        _, _, texts, levels = zip(*mine)
-        rec.send_columns(entity, clock.instants([entry[:2] for entry in mine]), rr.TextLog.columns(text=texts, level=levels))
+    return entries
 
 
 def _add(entries: dict, entity: str, span: Episode, said: str, known: str, over: str, level: str) -> None:

@@ -10,13 +10,12 @@ import rerun as rr
 from meshkal_log.fields import LINEAR, NAVIGATION, TRACKING, Batch, Header
 from meshkal_log.scenario import Scenario
 from ..numbers import agreement, derive
-from ..numbers.causes import LOGGED, Causes, fault_text
+from ..numbers.causes import Causes, fault_text
+from ..numbers.faults import FaultChanges
 from ..numbers.integrity import Story
 from ..numbers.survey import ALL_NAMED, DRAWN_NODES, Survey, quantities
+from ..summary import SUMMARIES
 from ..summary.head import Head
-from ..summary.linear import Summary
-from ..summary.navigation import NavigationSummary
-from ..summary.tracking import TrackingSummary
 from . import colours, events
 from .agreement import AgreementRecorder
 from .integrity import IntegrityRecorder
@@ -32,7 +31,6 @@ from .tracking_scene import TrackingScene
 BAND_NAME = "5 to 95 % of the nodes"
 
 _SCENES = {LINEAR: Scene, TRACKING: TrackingScene, NAVIGATION: NavigationScene}
-_SUMMARIES = {LINEAR: Summary, TRACKING: TrackingSummary, NAVIGATION: NavigationSummary}
 
 _SUMMARY_STYLE = {
     "rms": ("RMS", colours.SUMMARY, 3.0),
@@ -109,7 +107,7 @@ class Recorder:
         self._shade_range = found.shade_range_db
         self._series = Series(rec, envelope=header.timed)
         self._gaps: dict[str, bool] = {}  # of series, whether their first values have some
-        self._last_faults = np.zeros(header.estimators, dtype=np.uint32)
+        self._fault_changes = FaultChanges(header)
         self._paths = paths = [estimator_path(header, k) for k in range(header.estimators)]
         scene = _SCENES[header.kind]
         self._scene = scene(rec, header, scenario, self._names, self._palette) if scenario.position_states else None
@@ -126,7 +124,7 @@ class Recorder:
         self._story = Story(header)
         self._integrity = IntegrityRecorder(self._series, self._clock, header, scenario, self._palette, self._names, paths)
         self._marks = IntegrityMarks(rec, self._clock, header, scenario) if header.monitor and self._picture else None
-        self._summary = _SUMMARIES[header.kind](header, scenario, run, self._names, Head(header, found, self._causes, self._names))
+        self._summary = SUMMARIES[header.kind](header, scenario, run, self._names, Head(header, found, self._causes, self._names))
         rec.send_recording_name(f"{scenario.name}: {header.filter}, run {run}")
 
     def _name(self, found: Survey, named: Sequence[int]) -> None:
@@ -276,12 +274,8 @@ class Recorder:
             self._drawn(path, times, values, width=width, **style)
 
     def _faults(self, batch: Batch) -> int:
-        """An entry when a node's faults change: a lasting fault would otherwise fill the log with the same line."""
-        faults = batch.faults & LOGGED
-        before = np.vstack([self._last_faults, faults[:-1]])
-        self._last_faults = faults[-1]
-        at, who = np.nonzero(faults != before)
-        masks = faults[at, who]
+        """An entry when a node's faults change."""
+        at, who, masks = self._fault_changes.of(batch)
         if len(at):
             texts = [f"{self._names[k]}: {fault_text(int(mask))}" for k, mask in zip(who, masks)]
             levels = ["WARN" if mask else "INFO" for mask in masks]

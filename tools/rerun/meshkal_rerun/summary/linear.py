@@ -71,6 +71,10 @@ class Summary:
         name, what = self._title().split("\n\n", 1)
         return name.removeprefix("# "), what
 
+    def headlines(self) -> list[str]:
+        """How good, who is worst, when and why, in Markdown."""
+        return self.head.text(self._good()).split("  \n")
+
     def _good(self) -> str:
         """In a line."""
         out = []
