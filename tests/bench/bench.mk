@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 # Benchmark against Eigen and LAPACKE. From the top of the tree:  make -f tests/bench/bench.mk bench [BENCH_ARGS=...]
 # As a part of the main Makefile also the cost of analyze against the number of nodes (BENCH_ANALYZE_ARGS=--large: up to 1000)
-# and how simulate scales over processes (also alone: make bench-scaling).
+# and how simulate scales over processes, and how late live mode of the rerun tool is (also alone: make bench-scaling, make bench-live).
 # Needs Eigen 3 (eigen3 by pkg-config or /usr/include/eigen3), LAPACKE and CBLAS.
 CC ?= cc
 CXX ?= c++
@@ -22,7 +22,7 @@ bench: $(BENCH_DIR)/bench $(BENCH_DIR)/unscented $(PROGRAM)
 	$(BENCH_DIR)/bench $(BENCH_ARGS)
 	@$(MAKE) -s --no-print-directory $(if $(PROGRAM),,-f tests/bench/bench.mk) bench-unscented bench-monitor
 	$(if $(PROGRAM),@$(PYTHON) tests/bench/analyze.py $(PROGRAM) $(BENCH_DIR) $(BENCH_ANALYZE_ARGS))
-	$(if $(PROGRAM),@$(MAKE) -s --no-print-directory bench-scaling)
+	$(if $(PROGRAM),@$(MAKE) -s --no-print-directory bench-scaling bench-live)
 
 # Unscented and extended filters beside Eigen, the Python packages of requirements.txt and the Rust crates of rust/Cargo.lock. Those that cannot be had
 # are named, and the others go on.
@@ -66,6 +66,13 @@ $(BENCH_DIR)/cuts: tests/bench/cuts.c $(BUILD)/tools/meshkal-mpi/partition.o $(f
 	@mkdir -p $(@D)
 	@echo "  LD $@"
 	@$(CC) $(CFLAGS) $(HOST_INCLUDE) -Itools/meshkal-mpi $^ -lmetis $(HOST_LIBS) -o $@
+endif
+
+# Latency of meshkal-rerun --live, from the pipe to a viewer: needs the Python environment of the rerun tool.
+ifdef PROGRAM
+.PHONY: bench-live
+bench-live:
+	@$(PYTHON) tests/bench/live.py $(BENCH_DIR) $(BENCH_LIVE_ARGS)
 endif
 
 $(BENCH_DIR)/bench: $(BENCH_OBJECTS)

@@ -36,7 +36,6 @@ def frozen() -> Log:
 
 def navigation(**options) -> Log:
     log = NavigationLog(steps=9, **options)
-    del log.arrays["unheard_of"]
     rng = np.random.default_rng(3)
     log.arrays["correction"] = rng.normal(0, 1, (1, 9, 17))
     log.arrays["innovation_covariance"] = rng.normal(0, 1, (1, 9, 15))

@@ -48,8 +48,8 @@ class Recording:
 def convert(data: bytes, output: Path, run: int = 0) -> tuple[Recording, list[str]]:
     from meshkal_rerun import conversion
 
-    remarks = conversion.convert({"log": io.BufferedReader(io.BytesIO(data))}, output, conversion.Wanted(run))
-    return Recording(output), remarks
+    done = conversion.convert({"log": io.BufferedReader(io.BytesIO(data))}, output, conversion.Wanted(run))
+    return Recording(output), done.remarks
 
 
 def command(*arguments, stdin: bytes | None = None, **environment: str) -> subprocess.CompletedProcess:

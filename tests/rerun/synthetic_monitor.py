@@ -86,7 +86,6 @@ class NavigationLog(Log):
             "position_covariance": (root @ np.swapaxes(root, -1, -2))[..., rows, columns], "nis": rng.chisquare(5, (*shape, 1)),
             "nis_rows": np.full((*shape, 1), 5), "innovation": np.where(arrived > 0, rng.normal(0, 3, every), np.nan),
             "azimuth_deg": azimuth, "elevation_deg": elevation, "faults": np.zeros((*shape, 1)),
-            "unheard_of": rng.normal(0, 1, every),
         }
         if filter != "ekf":
             self.arrays |= {"weight": weight, "weight_statistic": rng.normal(0, 1, every)}

@@ -53,7 +53,7 @@ def test_failure_leaves_what_was_there(tmp_path, form, monkeypatch):
 
     wrong = Log(nodes=2, steps=6)
     items = wrong.items()
-    items[4] = cbor2.dumps({"run": 0, "step": 3, "measurements": typed([1.0], "<f8")})
+    items[1] = cbor2.dumps({"run": 0, "step": 0, "measurements": typed([1.0], "<f8")})
     for data, exception, options in ((wrong.data(), KeyboardInterrupt, {"progress": interrupt}), (b"".join(items), LogError, {})):
         with pytest.raises(exception):
             meshkal_log.convert(io.BufferedReader(io.BytesIO(data)), output, **options)
@@ -128,12 +128,30 @@ def waiting(output: Path) -> subprocess.Popen:
 
 
 @pytest.mark.parametrize("form", ("parquet", "csv", "mcap"))
-def test_terminated_leaves_nothing(tmp_path, form):
-    with waiting(tmp_path / f"run.{form}") as child:
-        child.send_signal(signal.SIGTERM)
-        _, said = child.communicate(timeout=60)
-    assert child.returncode == 130 and b"Traceback" not in said
-    assert not list(tmp_path.iterdir())
+@pytest.mark.parametrize("number", (signal.SIGTERM, signal.SIGHUP))
+def test_what_was_read_before_a_signal_is_written(tmp_path, form, number):
+    output = tmp_path / f"run.{form}"
+    with waiting(output) as child:
+        child.send_signal(number)
+        said = child.stderr.read().decode()
+        assert child.wait(60) == 128 + number
+    assert f": stopped by {number.name}: run.{form} holds what was read before\n" in said and "Traceback" not in said
+    assert [p.name for p in tmp_path.iterdir()] == [f"run.{form}"]
+    steps = McapRead(output).messages["/steps"] if form == "mcap" else (read_csv if form == "csv" else read_parquet)(output)["steps"]["step"]
+    assert 4096 <= len(steps) <= 4500
+
+
+@pytest.mark.parametrize("form", ("parquet", "csv", "mcap"))
+def test_damaged_log_up_to_the_damage(tmp_path, form):
+    items = Log(nodes=2, steps=6, runs=2).items()
+    items[4] = b"\xff" * 9
+    (tmp_path / "run.cbor").write_bytes(b"".join(items))
+    done = command("convert", tmp_path / "run.cbor", "-o", tmp_path / f"run.{form}", *([] if form == "mcap" else ["--run", "all"]))
+    said = done.stderr.decode()
+    assert done.returncode == 1 and "damaged at item 5 (byte " in said and f": run.{form} holds what was read before\n" in said
+    output = tmp_path / f"run.{form}"
+    steps = McapRead(output).messages["/steps"] if form == "mcap" else (read_csv if form == "csv" else read_parquet)(output)["steps"]["step"]
+    assert len(steps) == 3
 
 
 def test_first_ctrl_c_in_a_pipe_is_the_simulator_s(tmp_path):

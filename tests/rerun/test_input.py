@@ -3,11 +3,8 @@
 
 import io
 import os
-import signal
 import subprocess
 import sys
-import time
-from pathlib import Path
 
 import cbor2
 import numpy as np
@@ -80,8 +77,8 @@ def header_with(**changes) -> bytes:
     return cbor2.dumps(header) + b"".join(Log(nodes=2, steps=2).items()[1:])
 
 
-def step_with(where: int = 2, **changes) -> bytes:
-    """A log of two nodes and four steps, with one step item changed."""
+def step_with(where: int = 1, **changes) -> bytes:
+    """A log of two nodes and four steps, with one item changed: the first step."""
     items = Log(nodes=2, steps=4).items()
     item = {**cbor2.loads(items[where]), **changes}
     items[where] = cbor2.dumps({key: value for key, value in item.items() if value is not None})
@@ -95,7 +92,6 @@ BAD = {
     "another map": (lambda: cbor2.dumps({"format": "other"}), "not a Meshkal log"),
     "broken map": (lambda: b"\xa1\xff\xff", "not a Meshkal log"),
     "version": (lambda: header_with(format_version=2), "log format version 2 is not supported"),
-    "header only": (lambda: Log(nodes=2, steps=2).items()[0], "the log has no step of run 0"),
     "header cut": (lambda: Log(nodes=2, steps=2).items()[0][:-3], "ends inside the header"),
     "no dt": (lambda: header_with(dt_s=0), "header: dt_s is missing or wrong"),
     "endless time": (lambda: header_with(dt_s=1e300), "beyond the clock"),
@@ -103,22 +99,22 @@ BAD = {
     "slots": (lambda: header_with(slots=[[0], [2]]), "header: slots is missing or wrong"),
     "filter": (lambda: header_with(filter="ekf"), "header: filter is missing or wrong"),
     "scenario": (lambda: header_with(scenario="{"), "the scenario is not JSON"),
-    "length": (lambda: step_with(theta=typed([1.0], "<f8")), "item 3 (run 0, step 1): theta has 1 numbers instead of 2"),
+    "length": (lambda: step_with(theta=typed([1.0], "<f8")), "): theta has 1 numbers instead of 2"),
     "type": (lambda: step_with(theta=typed([1.0, 1.0], "<f4")), "theta is missing or not an array of float64"),
-    "odd bytes": (lambda: step_with(theta=cbor2.CBORTag(86, b"123")), "item 3 is damaged"),
+    "odd bytes": (lambda: step_with(theta=cbor2.CBORTag(86, b"123")), "item 2 (byte "),
     "lost array": (lambda: step_with(theta=None), "theta is missing"),
-    "lost truth": (lambda: step_with(truth=None), "truth is in some steps and not in others"),
-    "order": (lambda: step_with(step=0), "comes after step 0"),
     "negative step": (lambda: step_with(step=-1), "step is missing or not an unsigned number"),
-    "not a map": (lambda: Log(nodes=2, steps=2).items()[0] + b"\x01", "item 2 is not a map"),
-    "damage": (lambda: b"".join(Log(nodes=2, steps=2).items()[:2]) + b"\xff" * 20, "item 3"),
+    "not a map": (lambda: Log(nodes=2, steps=2).items()[0] + b"\x01", "it is not a map"),
+    "damage": (lambda: Log(nodes=2, steps=2).items()[0] + b"\xff" * 20, "item 2 (byte "),
+    "another run": (lambda: step_with(run=1), "it is of run 1, and the header says 1 runs"),
+    "a node that is not there": (lambda: Log(nodes=2, steps=2).data(), "there is no node 2; the log has 0 to 1", "--node", "1,2"),
 }
 
 
 @pytest.mark.parametrize("case", BAD)
 def test_bad_input_is_refused(tmp_path, case):
-    make, message = BAD[case]
-    refuse(tmp_path, make(), message)
+    make, message, *options = BAD[case]
+    refuse(tmp_path, make(), message, *options)
 
 
 def test_a_run_that_is_not_there(tmp_path):
@@ -139,10 +135,58 @@ def test_altered_scenario_is_told(tmp_path):
 
 def test_where_nothing_can_be_written(tmp_path):
     data = Log(nodes=2, steps=2).data()
-    for output in (tmp_path / "none" / "run.rrd", tmp_path):
+    for output, message in ((tmp_path / "none" / "run.rrd", "cannot be written: No such file"), (tmp_path, "is a directory")):
         done = command("-", "-o", output, stdin=data)
-        assert done.returncode == 2 and done.stderr.count(b"\n") == 1
+        assert done.returncode == 2 and done.stderr.count(b"\n") == 1 and f"{output} {message}".encode() in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("output", ["run.cbor", "link.cbor"])
+def test_the_log_is_not_replaced(tmp_path, output):
+    data = Log(nodes=2, steps=2).data()
+    (tmp_path / "run.cbor").write_bytes(data)
+    (tmp_path / "link.cbor").symlink_to("run.cbor")
+    done = command(tmp_path / "run.cbor", "-o", tmp_path / output)
+    assert done.returncode == 2 and b"would replace the log" in done.stderr
+    assert (tmp_path / "run.cbor").read_bytes() == data
+    assert sorted(os.listdir(tmp_path)) == ["link.cbor", "run.cbor"]
+
+
+def test_a_log_that_is_not_there(tmp_path):
+    done = command(tmp_path / "none.cbor")
+    assert done.returncode == 2 and done.stderr.decode() == f"meshkal-rerun: {tmp_path}/none.cbor: No such file or directory\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_log_that_is_given_twice(tmp_path):
+    (tmp_path / "run.cbor").write_bytes(Log(nodes=2, steps=2).data())
+    done = command(*[tmp_path / "run.cbor"] * 2, "-o", tmp_path / "run.rrd")
+    assert done.returncode == 2 and b"is given twice" in done.stderr
+
+
+@pytest.mark.parametrize("arguments", [[], ["-"], ["run.cbor", "--view", "chess"], ["run.cbor", "--node", "a"], ["run.cbor", "--node", ""], ["run.cbor", "--port", "x"],
+                                       ["run.cbor", "--live", "-"], ["--live", "-", "--port", "0"]])
+def test_wrong_arguments(arguments):
+    done = command(*arguments)
+    assert done.returncode == 2 and b"Traceback" not in done.stderr and b"meshkal-rerun: error: " in done.stderr
+
+
+def test_help_is_quick_and_into_a_closed_pipe():
+    script = f"{sys.executable} -X importtime -m meshkal_rerun --help | head -c 1"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, env={**os.environ, "PYTHONPATH": str(PACKAGE)}, check=True)
+    assert done.stdout == b"u" and b"Traceback" not in done.stderr and b"Exception" not in done.stderr
+    imported = {line.rsplit(b"|", 1)[1].strip() for line in done.stderr.splitlines() if b"|" in line}
+    assert b"argparse" in imported and not imported & {b"rerun", b"pyarrow", b"matplotlib", b"tqdm", b"mcap"}
+
+
+def test_closed_standard_streams(tmp_path):
+    (tmp_path / "run.cbor").write_bytes(Log(nodes=2, steps=3).data()[:-30])
+    script = f"exec {sys.executable} -m meshkal_rerun {tmp_path}/run.cbor >&- 2>&-"
+    done = subprocess.run(["bash", "-c", script], env={**os.environ, "PYTHONPATH": str(PACKAGE)}, check=False)
+    assert done.returncode == 0 and len(Recording(tmp_path / "run.rrd").series("theta/node/0")) >= 2
+    script = f"exec {sys.executable} -m meshkal_rerun - -o {tmp_path}/b.rrd <&-"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, env={**os.environ, "PYTHONPATH": str(PACKAGE)}, check=False)
+    assert done.returncode == 2 and b"standard input is closed" in done.stderr and not (tmp_path / "b.rrd").exists()
 
 
 def test_rerun_switched_off_is_an_error(tmp_path):
@@ -158,56 +202,3 @@ def test_full_disk_leaves_nothing(tmp_path):
     done = subprocess.run(["bash", "-c", script], capture_output=True, env={**os.environ, "PYTHONPATH": str(PACKAGE)}, check=False)
     assert done.returncode == 2 and b"could not be written whole" in done.stderr
     assert list((tmp_path / "out").iterdir()) == []
-
-
-def pipe(output: Path) -> subprocess.Popen:
-    return subprocess.Popen(
-        [sys.executable, "-m", "meshkal_rerun", "-", "-o", str(output)],
-        stdin=subprocess.PIPE, stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": str(PACKAGE)},
-    )
-
-
-def test_reads_a_pipe_while_it_is_written(tmp_path):
-    log = Log(nodes=3, steps=20)
-    process = pipe(tmp_path / "run.rrd")
-    for item in log.items():
-        for half in (item[: len(item) // 2], item[len(item) // 2 :]):
-            process.stdin.write(half)
-            process.stdin.flush()
-            time.sleep(0.002)
-    assert not (tmp_path / "run.rrd").exists()
-    _, stderr = process.communicate(timeout=60)
-    assert (process.returncode, stderr) == (0, b"")
-    np.testing.assert_array_equal(Recording(tmp_path / "run.rrd").series("theta/node/1"), log.arrays["theta"][0, :, 1])
-
-
-def started(tmp_path) -> subprocess.Popen:
-    """A process that has made its temporary file and waits for more of the log."""
-    process = pipe(tmp_path / "run.rrd")
-    # Enough for a first batch, which is what makes it open its output.
-    items = Log(nodes=1, steps=5000, position_states=None).items()
-    process.stdin.write(b"".join(items[:4500]))
-    process.stdin.flush()
-    deadline = time.monotonic() + 30
-    while not list(tmp_path.glob(".run.rrd.*.tmp")):
-        assert time.monotonic() < deadline and process.poll() is None
-        time.sleep(0.05)
-    return process
-
-
-def test_first_interrupt_leaves_the_end_to_the_simulator(tmp_path):
-    process = started(tmp_path)
-    process.send_signal(signal.SIGINT)
-    time.sleep(0.3)
-    process.stdin.write(cbor2.dumps({"end": "interrupted", "items": 4499}))
-    _, stderr = process.communicate(timeout=60)
-    assert process.returncode == 0 and b"interrupted after 4499 step items" in stderr
-    assert len(Recording(tmp_path / "run.rrd").series("theta/node/0")) == 4499
-
-
-def test_terminated_leaves_nothing(tmp_path):
-    process = started(tmp_path)
-    process.send_signal(signal.SIGTERM)
-    process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert list(tmp_path.iterdir()) == []

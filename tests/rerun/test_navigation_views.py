@@ -194,7 +194,7 @@ def test_kinds_are_not_mixed(tmp_path):
     (lambda log: log.header.update(satellites=[1, 1, 2, 3, 4]), "header: satellites is missing or wrong"),
     (lambda log: log.header.update(filter="duif"), "header: filter is missing or wrong"),
     (lambda log: log.arrays.pop("azimuth_deg"), "azimuth_deg is missing"),
-    (lambda log: log.arrays["time_s"].__setitem__((0, 3, 0), np.nan), "time_s is not finite"),
+    (lambda log: log.arrays["time_s"].__setitem__((0, 0, 0), np.nan), "time_s is not finite"),
 ])
 def test_what_is_wrong_is_named(tmp_path, change, message):
     from meshkal_log.reader import LogError

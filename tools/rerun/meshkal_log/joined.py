@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from .fields import Header, lengths, monitor_lengths, optional
-from .reader import LogError, LogReader, check_arrays
+from .fields import Batch, Header, lengths, monitor_lengths, optional
+from .reader import LogError, LogReader, Where, check_arrays, check_times
 
-_SAME = ("scenario_sha256", "filter", "real", "dt_s", "source", "monitor", "monitor_window", "monitor_false_alarm")
+SAME = ("scenario_sha256", "filter", "real", "dt_s", "source", "monitor", "monitor_window", "monitor_false_alarm")
 # What holds one number or more of each slot, of each estimator, and of each row of its own sensor. The optional ones some of the logs may lack.
 _SLOTS = ("measurements_arrived", "estimates_arrived")
 _EACH = ("estimate", "variance", "trace_covariance", "position_covariance", "theta", "tolerance", "nis", "nis_rows", "faults")
@@ -36,7 +36,7 @@ class JoinedReader(LogReader):
         for name, reader in readers.items():
             if reader.header.timed:
                 raise LogError(f"{name} is the log of a {reader.header.kind} scenario, {next(iter(readers))} is not; they cannot be joined")
-            for key in _SAME:
+            for key in SAME:
                 if getattr(reader.header, key) != getattr(first, key):
                     raise LogError(f"{name} does not belong to {next(iter(readers))}: its {key} is another")
             if reader.header.central:
@@ -46,24 +46,35 @@ class JoinedReader(LogReader):
         self.header = replace(first, estimators=len(nodes), estimator_nodes=nodes, slots=tuple(slots[k] for k in nodes))
         own = {"estimators": len(nodes), "estimator_nodes": list(nodes), "slots": [list(slots[k]) for k in nodes]}
         self.header_item = next(iter(readers.values())).header_item | own
-        self.end = None
-        self.warnings = []
-        self._items = 0
+        self.end, self.watch = None, None
+        self.warnings, self.damage = [], []
+        self.items, self.step, self._last, self._start = 0, None, None, None
+
+    @property
+    def position(self) -> int | None:
+        positions = [reader.position for reader in self._readers.values()]
+        return None if None in positions else sum(positions)
+
+    def numbered_batches(self, run: int | None = None) -> Iterator[tuple[int, Batch]]:
+        yield from super().numbered_batches(run)
+        ends = [reader.end for reader in self._readers.values()]
+        if self.end is None:
+            self.end = "complete" if set(ends) == {"complete"} else "damaged" if "damaged" in ends else "interrupted" if all(ends) else None
+        self.damage = [f"{name}: {text}" for name, reader in self._readers.items() for text in reader.damage]
+        self.warnings = [f"{name}: {text}" for name, reader in self._readers.items() for text in reader.warnings] + self.warnings
 
     def _steps(self) -> Iterator[dict]:
-        sources = [(reader.header, _checked(name, reader)) for name, reader in self._readers.items()]
+        sources = [(reader.header, _named(name, reader._until_damage(_checked(reader)))) for name, reader in self._readers.items()]
         heads = [next(items, None) for _, items in sources]
         absent = {key for key in _OPTIONAL if not any(head and key in head for head in heads)}
         while any(head is not None for head in heads):
             now = min((head["run"], head["step"]) for head in heads if head is not None)
             present = [i for i, head in enumerate(heads) if head is not None and (head["run"], head["step"]) == now]
-            self._items += 1
+            self.items += 1
             yield self._together(*now, [(sources[i][0], heads[i]) for i in present], absent)
+            self._last = now
             for i in present:
                 heads[i] = next(sources[i][1], None)
-        ends = [reader.end for reader in self._readers.values()]
-        self.end = "complete" if all(end == "complete" for end in ends) else "interrupted" if all(ends) else None
-        self.warnings = [f"{name}: {text}" for name, reader in self._readers.items() for text in reader.warnings]
 
     def _together(self, run: int, step: int, parts: list, absent: set[str]) -> dict:
         item: dict = {"run": run, "step": step}
@@ -96,17 +107,24 @@ class JoinedReader(LogReader):
         return item
 
 
-def _checked(name: str, reader: LogReader) -> Iterator[dict]:
+def _named(name: str, items: Iterator[dict]) -> Iterator[dict]:
+    try:
+        yield from items
+    except LogError as error:
+        raise LogError(f"{name}: {error}") from None
+
+
+def _checked(reader: LogReader) -> Iterator[dict]:
     """Items whose arrays are as the log's own header says, so that none of them can shift another's."""
-    sizes, last = lengths(reader.header), (-1, -1)
+    sizes, last, where = lengths(reader.header), None, Where(reader)
     needed = ("estimates_arrived", *(("position_covariance",) if reader.header.positions else ()))
     for item in reader._steps():
-        where = f"{name}: run {item['run']}, step {item['step']}"
         check_arrays(item, sizes, optional(reader.header), where)
         for key in needed:
             if key not in item:
                 raise LogError(f"{where}: {key} is missing")
-        if (item["run"], item["step"]) <= last:
-            raise LogError(f"{where}: comes after run {last[0]}, step {last[1]}")
+        if last is not None and (item["run"], item["step"]) <= last:
+            raise LogError(f"{where}: run {item['run']}, step {item['step']} comes after run {last[0]}, step {last[1]}")
+        check_times(item, reader.header, where)
         last = (item["run"], item["step"])
         yield item

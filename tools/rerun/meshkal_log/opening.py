@@ -4,30 +4,15 @@
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from itertools import groupby
-from operator import itemgetter
 from pathlib import Path
 from typing import BinaryIO
 
-from .fields import Batch, lengths
+from .fields import Batch
 from .joined import JoinedReader
 from .layout import whole_rows
 from .reader import LogError, LogReader
 
 Source = str | os.PathLike | BinaryIO
-
-
-class NotingReader(LogReader):
-    """Says in `warnings` which arrays of the log it does not know; they are left out."""
-
-    def _steps(self) -> Iterator[dict]:
-        known, unknown = {*lengths(self.header), "run", "step"}, set()
-        for item in super()._steps():
-            if not known.issuperset(item):
-                unknown |= item.keys() - known
-            yield item
-        if unknown:
-            self.warnings.append(f"left out, because this program does not know what it is: {', '.join(sorted(map(str, unknown)))}")
 
 
 @contextmanager
@@ -36,7 +21,7 @@ def opened(source: Source | Sequence[Source]) -> Iterator[LogReader]:
     with ExitStack() as streams:
 
         def reader(one: Source) -> LogReader:
-            return NotingReader(streams.enter_context(open(one, "rb")) if isinstance(one, (str, os.PathLike)) else one)
+            return LogReader(streams.enter_context(open(one, "rb")) if isinstance(one, (str, os.PathLike)) else one)
 
         if isinstance(source, (list, tuple)):
             readers = {}
@@ -58,31 +43,11 @@ def opened(source: Source | Sequence[Source]) -> Iterator[LogReader]:
             yield reader(source)
 
 
-class _OneRun(LogReader):
-    """The items of one run among those of another reader."""
-
-    def __init__(self, whole: LogReader, items: Iterator[dict]) -> None:
-        self.header, self.end, self.warnings = whole.header, None, []
-        self._whole, self._given = whole, items
-
-    @property
-    def _items(self) -> int:
-        return self._whole._items
-
-    def _steps(self) -> Iterator[dict]:
-        return self._given
-
-
 def batches_of(reader: LogReader, run: int | None) -> Iterator[tuple[int, Batch]]:
     """(run, batch by `whole_rows`) of one run, or of all, one after another, in one pass; `reader.end` and `reader.warnings` are whole afterwards."""
-    if run is not None:
-        found = False
-        for batch in reader.batches(run):
-            found = True
-            yield run, whole_rows(batch, reader.header)
-        if not found and run >= reader.header.runs:
-            raise LogError(f"the log has no step of run {run}")
-        return
-    for number, items in groupby(reader._steps(), key=itemgetter("run")):
-        for batch in _OneRun(reader, items).batches(number):
-            yield number, whole_rows(batch, reader.header)
+    found = False
+    for number, batch in reader.numbered_batches() if run is None else ((run, batch) for batch in reader.batches(run)):
+        found = True
+        yield number, whole_rows(batch, reader.header)
+    if run is not None and not found and run >= reader.header.runs:
+        raise LogError(f"the log has no step of run {run}")

@@ -20,8 +20,11 @@ def whole_file(output: Path) -> Iterator[Path]:
         raise IsADirectoryError(f"{output} is a directory")
     temporary = _beside(output, "tmp")
     try:
-        # Where the file cannot be made, Python says so more clearly than what will write to it.
-        temporary.touch()
+        try:
+            # Where the file cannot be made, Python says so more clearly than what will write to it.
+            temporary.touch()
+        except OSError as error:
+            raise OSError(f"{output} cannot be written: {error.strerror}") from None
         yield temporary
         os.replace(temporary, output)
     finally:

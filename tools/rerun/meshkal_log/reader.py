@@ -3,8 +3,9 @@
 
 import hashlib
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from operator import itemgetter
 
 import cbor2
 import numpy as np
@@ -22,6 +23,11 @@ BATCH_STEPS = 4096
 # RFC 8746 tags of the little-endian arrays that the format uses.
 ARRAY_DTYPES = {64: np.dtype("u1"), 70: np.dtype("<u4"), 85: np.dtype("<f4"), 86: np.dtype("<f8")}
 _MAP_MAJOR_TYPE = 5
+# Steps of a run take nearly the same bytes each. An item that reaches the end of the input and is longer than so many of them was not cut:
+# a length in it is damaged.
+_LONGEST_CUT = 2
+# Nanoseconds in 64 bits, which is what all formats of tables and recordings have.
+_LARGEST_TIME_S = 9.2e9
 
 
 class LogError(Exception):
@@ -34,13 +40,20 @@ class _Cut(Exception):
 
 @dataclass
 class LogReader:
-    """The header is read when the object is made. `batches` then reads the rest once, and leaves `end` and `warnings`."""
+    """The header is read when the object is made. `batches` then reads the rest once, and leaves `end` and `warnings`. Damage ends the log where it is,
+    with a warning that says where; damage before the first step that is wanted raises LogError."""
 
     stream: io.BufferedReader
     header: Header = field(init=False)
     header_item: dict = field(init=False, repr=False)  # as it was written, with what `header` leaves out
-    end: str | None = field(init=False, default=None)  # "complete", "interrupted", or None if the log was cut
+    # "complete", "interrupted", "failed", "damaged", "stopped" by `watch`, or None if the log was cut
+    end: str | None = field(init=False, default=None)
     warnings: list[str] = field(init=False, default_factory=list)
+    damage: list[str] = field(init=False, default_factory=list)  # those of the warnings that say where the log is damaged
+    items: int = field(init=False, default=0)  # read until now, the header among them
+    step: int | None = field(init=False, default=None)  # the last good one, of the runs that are read
+    # Called after each step of any run; reading stops where it says True.
+    watch: Callable[["LogReader"], bool] | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         first = self.stream.peek(1)[:1]
@@ -50,7 +63,11 @@ class LogReader:
         if first[0] >> 5 != _MAP_MAJOR_TYPE:
             raise LogError("not a Meshkal log")
         self._decoder = cbor2.CBORDecoder(self.stream, tag_hook=_array)
-        self._items = 0
+        self._last: tuple[int, int] | None = None  # run and step of the item before
+        self._tells = self.stream.seekable()
+        self._start: int | None = None  # of the item that was read
+        self._next_start = self.position
+        self._largest = 0  # bytes of an item
         try:
             item = self._next()
         except _Cut:
@@ -58,52 +75,92 @@ class LogReader:
         except LogError:
             raise LogError("not a Meshkal log") from None
         self.header, self.header_item = _header(item), item
-        if hashlib.sha256(self.header.scenario.encode()).hexdigest() != self.header.scenario_sha256:
+        if hashlib.sha256(self.header.scenario.encode(errors="surrogatepass")).hexdigest() != self.header.scenario_sha256:
             self.warnings.append("the scenario in the log does not match its SHA-256")
 
+    @property
+    def position(self) -> int | None:
+        """In the input, in bytes; None where it does not tell."""
+        return self.stream.tell() if self._tells else None
+
     def batches(self, run: int) -> Iterator[Batch]:
-        header = self.header
         # A running node does not know how often its clock will be put back.
-        if run >= header.runs and header.source != "live":
-            raise LogError(f"run {run} is not in the log, which has {header.runs} (numbered from 0)")
-        wanted = lengths(header)
-        present_first: frozenset[str] | None = None
+        if run >= self.header.runs and self.header.source != "live":
+            raise LogError(f"run {run} is not in the log, which has {self.header.runs} (numbered from 0)")
+        yield from map(itemgetter(1), self.numbered_batches(run))
+
+    def numbered_batches(self, run: int | None = None) -> Iterator[tuple[int, Batch]]:
+        """Run and batch, of one run or of all, one after another."""
         pending: list[dict] = []
         pending_bytes = 0
-        last_step = -1
-        for item in self._steps():
-            if item["run"] != run:
-                continue
-            where = f"item {self._items} (run {run}, step {item['step']})"
-            pending_bytes += check_arrays(item, wanted, optional(header), where)
-            present = frozenset(key for key in optional(header) if key in wanted and key in item)
-            if present_first is None:
-                present_first = present
-            if present != present_first:
-                raise LogError(f"{where}: {', '.join(sorted(present ^ present_first))} is in some steps and not in others")
-            if item["step"] <= last_step:
-                raise LogError(f"{where}: comes after step {last_step}")
-            if header.timed:
-                _check_timed(item, where)
-            last_step = item["step"]
+
+        def taken() -> tuple[int, Batch]:
+            # Nothing is kept here: a batch may have some 100 MB.
+            out = pending[0]["run"], _batch(pending, self.header)
+            pending.clear()
+            return out
+
+        for item, size in self._until_damage(self._checked(run)):
+            if pending and item["run"] != pending[0]["run"]:
+                yield taken()
+                pending_bytes = 0
             pending.append(item)
+            pending_bytes += size
             if len(pending) >= BATCH_STEPS or pending_bytes >= BATCH_BYTES:
-                yield _batch(pending, header)
-                pending, pending_bytes = [], 0
+                yield taken()
+                pending_bytes = 0
         if pending:
-            yield _batch(pending, header)
+            yield taken()
+
+    def _until_damage(self, items: Iterator) -> Iterator:
+        """Ends at the first damage behind something good. LogError before it goes on to the caller."""
+        good = False
+        try:
+            for item in items:
+                good = True
+                yield item
+        except LogError as error:
+            if not good:
+                raise
+            self.end = "damaged"
+            self.damage.append(f"damaged at {error}")
+            self.warnings += self.damage
+
+    def _checked(self, run: int | None) -> Iterator[tuple[dict, int]]:
+        """Steps that are as they should be, and how many bytes their arrays take."""
+        header, wanted, may_lack = self.header, lengths(self.header), optional(self.header)
+        present_first: frozenset[str] = frozenset()
+        last: tuple[int, int] | None = None
+        where = Where(self)
+        for item in self._steps():
+            if run is None or item["run"] == run:
+                size = check_arrays(item, wanted, may_lack, where)
+                present = frozenset(key for key in may_lack if key in wanted and key in item)
+                if last is None or item["run"] != last[0]:
+                    present_first = present
+                if present != present_first:
+                    raise LogError(f"{where}: {', '.join(sorted(present ^ present_first))} is in some steps and not in others")
+                if last is not None and (item["run"], item["step"]) <= last:
+                    raise LogError(f"{where}: run {item['run']}, step {item['step']} comes after run {last[0]}, step {last[1]}")
+                check_times(item, header, where)
+                last = item["run"], item["step"]
+                self.step = item["step"]
+                yield item, size
+            if self.watch is not None and self.watch(self):
+                self.end = "stopped"
+                return
 
     def _steps(self) -> Iterator[dict]:
-        count = 0
+        count, known, where = 0, {*lengths(self.header), "run", "step"}, Where(self)
         while True:
             try:
                 item = self._next()
             except _Cut:
+                self._check_end()
                 self.warnings.append(f"the log was cut: it ends after {count} step items, without its end item")
                 return
-            where = f"item {self._items}"
             if not isinstance(item, dict):
-                raise LogError(f"{where} is not a map")
+                raise LogError(f"{where}: it is not a map")
             if "end" in item:
                 self._finish(item, count, where)
                 return
@@ -112,15 +169,30 @@ class LogReader:
             for key in ("run", "step"):
                 if not _is_unsigned(item.get(key)):
                     raise LogError(f"{where}: {key} is missing or not an unsigned number")
+            if item["run"] >= self.header.runs and self.header.source != "live":
+                raise LogError(f"{where}: it is of run {item['run']}, and the header says {self.header.runs} runs")
             count += 1
+            if not known.issuperset(item):
+                self._left_out(item.keys() - known)
+                known |= item.keys()
             yield item
+            self._last = item["run"], item["step"]
 
-    def _finish(self, item: dict, count: int, where: str) -> None:
-        if item["end"] not in ("complete", "interrupted"):
-            raise LogError(f"{where}: end is neither complete nor interrupted")
+    def _left_out(self, keys: set) -> None:
+        self.warnings.append(f"left out, because this program does not know what it is: {', '.join(sorted(map(str, keys)))}")
+
+    def _check_end(self) -> None:
+        if self._tells and 0 < _LONGEST_CUT * self._largest < self.position - self._next_start:
+            raise LogError(f"{Where(self, unread=True)}: it does not end, a length in it is wrong")
+
+    def _finish(self, item: dict, count: int, where: object) -> None:
+        if item["end"] not in ("complete", "interrupted", "failed"):
+            raise LogError(f"{where}: end is neither complete nor interrupted nor failed")
         self.end = item["end"]
         if self.end == "interrupted":
             self.warnings.append(f"the run was interrupted after {count} step items")
+        if self.end == "failed":
+            self.warnings.append(f"the run failed after {count} step items: a node could not go on")
         if item.get("items") != count:
             self.warnings.append(f"the end item says {item.get('items')} step items, the log has {count}")
 
@@ -129,12 +201,33 @@ class LogReader:
             item = self._decoder.decode()
         except (cbor2.CBORDecodeEOF, EOFError):
             raise _Cut from None
+        except OSError:
+            raise
         # Damaged input reaches the decoder's constructors too, which raise whatever they like.
-        except (cbor2.CBORDecodeError, ValueError, TypeError, OverflowError, RecursionError, MemoryError) as error:
-            reason = " ".join(str(error).split())
-            raise LogError(f"item {self._items + 1} is damaged: {reason}") from None
-        self._items += 1
+        except Exception as error:
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise LogError(f"{Where(self, unread=True)}: {reason}") from None
+        self.items += 1
+        if self._tells:
+            self._start, self._next_start = self._next_start, self.stream.tell()
+            self._largest = max(self._largest, self._next_start - self._start)
         return item
+
+
+class Where:
+    """The place of the item that was read, or of the one behind it that could not be, in words when it comes to that."""
+
+    def __init__(self, reader: LogReader, *, unread: bool = False) -> None:
+        self._reader, self._unread = reader, unread
+
+    def __str__(self) -> str:
+        reader, last = self._reader, self._reader._last
+        start = reader._next_start if self._unread else reader._start
+        byte = "" if start is None else f"byte {start}"
+        run = f"run {last[0]}, " if last and (reader.header.runs > 1 or last[0]) else ""
+        after = f"after {run}step {last[1]}" if last else ""
+        place = ", ".join(filter(None, (byte, after)))
+        return f"item {reader.items + self._unread}" + (f" ({place})" if place else "")
 
 
 def _array(*arguments: object) -> object:
@@ -234,7 +327,7 @@ def _header(item: object) -> Header:
     )
 
 
-def check_arrays(item: dict, lengths: dict[str, tuple[np.dtype, int]], optional: tuple[str, ...], where: str) -> int:
+def check_arrays(item: dict, lengths: dict[str, tuple[np.dtype, int]], optional: tuple[str, ...], where: object) -> int:
     """The bytes that they take. Raises LogError if one is not as it should be."""
     size = 0
     for key, (dtype, length) in lengths.items():
@@ -249,10 +342,21 @@ def check_arrays(item: dict, lengths: dict[str, tuple[np.dtype, int]], optional:
     return size
 
 
-def _check_timed(item: dict, where: str) -> None:
-    if not np.isfinite(item["time_s"][0]):
+def check_times(item: dict, header: Header, where: object) -> None:
+    """Raises LogError if the item's time is none, or a decision of a log that has times is unknown."""
+    if header.timed:
+        _check_timed(item, where)
+    elif not item["step"] * header.dt_s < _LARGEST_TIME_S:
+        raise LogError(f"{where}: step {item['step']} with dt_s = {header.dt_s:g} is beyond the clock (292 years)")
+
+
+def _check_timed(item: dict, where: object) -> None:
+    time_s = float(item["time_s"][0])
+    if not np.isfinite(time_s):
         raise LogError(f"{where}: time_s is not finite")
-    largest = int(item["decision"].max())
+    if not abs(time_s) < _LARGEST_TIME_S:
+        raise LogError(f"{where}: time_s = {time_s:g} is beyond the clock (292 years)")
+    largest = int(item["decision"].max(initial=0))
     if largest >= Decision.LOST:
         raise LogError(f"{where}: decision {largest} is unknown")
 

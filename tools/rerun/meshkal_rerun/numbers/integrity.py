@@ -13,6 +13,8 @@ from .tracking import Slots, chi_square_upper_quantile
 
 # Statistics with a name, as tests of them are called.
 STATISTICS = {"rctm": "RCTM", "aime": "AIME"}
+# Of a statistic over several estimators.
+_BAND = {"tenth percentile": 10.0, "median": 50.0, "ninetieth percentile": 90.0, "largest": 100.0}
 
 
 def tested(header: Header) -> str:
@@ -42,6 +44,14 @@ def alarm_ratio(batch: Batch, header: Header, ratio: dict[str, np.ndarray]) -> n
     if header.monitor == "aime-improved":
         value = np.where(value >= 1.0, value, ratio["rctm"])
     return np.where(batch.monitor_alarm != 0, value, np.nan)
+
+
+def band(values: np.ndarray) -> dict[str, np.ndarray]:
+    """Percentiles over the estimators, (T,) by name."""
+    known = np.isfinite(values).any(axis=1)
+    out = np.full((len(_BAND), len(values)), np.nan)
+    out[:, known] = np.nanpercentile(values[known], list(_BAND.values()), axis=1)
+    return dict(zip(_BAND, out))
 
 
 def read_only(values: np.ndarray, batch: Batch) -> np.ndarray:
@@ -163,3 +173,20 @@ def spans(times: Sequence[tuple[float, float | None]], most: int = 4) -> str:
     """"226 s to 301 s; 340 s on" of begins and ends (None: not yet), the last instants inside, and how many more there are."""
     texts = [f"{begin:g} s on" if end is None else f"{begin:g} s" if end == begin else f"{begin:g} s to {end:g} s" for begin, end in times[:most]]
     return "; ".join(texts) + (f"; and {len(times) - most} more" if len(times) > most else "")
+
+
+def text(event: Event, header: Header, names: Sequence[str]) -> str:
+    """names: of the estimators."""
+    sensor = header.sensor_name(event.node) if event.node >= 0 else ""
+    who = "" if header.central else f" at {names[event.estimator]}"
+    if event.kind == Kind.ALARM:
+        suspect = f", most from {header.sensor_name(event.suspect)}" if event.suspect >= 0 else ""
+        return f"alarm{who}: test ratio {event.ratio:.3g}{suspect}"
+    return {
+        Kind.FAULT: f"injected fault of {sensor} begins",
+        Kind.FAULT_OVER: f"injected fault of {sensor} is over",
+        Kind.ALARM_OVER: f"no alarm any more{who}",
+        Kind.HELD: f"{sensor} held faulty{who}",
+        Kind.RETURNED: f"{sensor} is used again{who}",
+        Kind.ENDED: f"a fault declared over{who}",
+    }[event.kind]

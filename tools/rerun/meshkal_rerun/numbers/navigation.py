@@ -37,6 +37,7 @@ GROUPS = (
     Group("clock_bias", "Clock bias", "m", 15, ("clock bias",)),
     Group("clock_drift", "Clock drift", "m/s", 16, ("clock drift",)),
 )
+POSITION = next(group for group in GROUPS if group.key == "position")
 
 
 def per_estimator(batch: Batch, scenario: Scenario) -> dict[str, np.ndarray]:

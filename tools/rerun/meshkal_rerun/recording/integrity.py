@@ -18,7 +18,6 @@ DRAWN_SLOTS = DRAWN_ESTIMATORS = 100
 # One lane each; more would be too thin to read. Of more estimators one lane says how many are in alarm.
 LANES = 12
 _STRIPE = 6.0
-_BAND = {"tenth percentile": 10.0, "median": 50.0, "ninetieth percentile": 90.0, "largest": 100.0}
 _BAND_STYLE = {
     "tenth percentile": (colours.REFERENCE, 1.0),
     "median": (colours.MEDIAN, 2.5),
@@ -108,12 +107,9 @@ class IntegrityRecorder:
     def _band(self, path: str, times: list, values: np.ndarray) -> None:
         if self._header.estimators == 1:
             return
-        known = np.isfinite(values).any(axis=1)
-        band = np.full((len(values), len(_BAND)), np.nan)
-        band[known] = np.nanpercentile(values[known], list(_BAND.values()), axis=1).T
-        for i, name in enumerate(_BAND):
+        for name, row in integrity.band(values).items():
             colour, width = _BAND_STYLE[name]
-            self._series.lines(f"{path}/network/{name.replace(' ', '_')}", times, band[:, i], names=name, colors=colour, widths=width)
+            self._series.lines(f"{path}/network/{name.replace(' ', '_')}", times, row, names=name, colors=colour, widths=width)
 
     def _marks(self, path: str, batch: Batch, values: np.ndarray, name: str, marker: str, colour: int, size: float = 4.0) -> None:
         at = np.flatnonzero(np.isfinite(values))
@@ -191,20 +187,5 @@ class IntegrityRecorder:
     def _words(self, batch: Batch, events: list[Event]) -> None:
         if events:
             at = np.array([event.at for event in events])
-            texts, levels = [self.text(event) for event in events], [_LEVELS[event.kind] for event in events]
+            texts, levels = [integrity.text(event, self._header, self._names) for event in events], [_LEVELS[event.kind] for event in events]
             self._series.rec.send_columns("integrity_events", self._clock.times(batch, at), rr.TextLog.columns(text=texts, level=levels))
-
-    def text(self, event: Event) -> str:
-        sensor = self._header.sensor_name(event.node) if event.node >= 0 else ""
-        who = "" if self._header.central else f" at {self._names[event.estimator]}"
-        if event.kind == Kind.ALARM:
-            suspect = f", most from {self._header.sensor_name(event.suspect)}" if event.suspect >= 0 else ""
-            return f"alarm{who}: test ratio {event.ratio:.3g}{suspect}"
-        return {
-            Kind.FAULT: f"injected fault of {sensor} begins",
-            Kind.FAULT_OVER: f"injected fault of {sensor} is over",
-            Kind.ALARM_OVER: f"no alarm any more{who}",
-            Kind.HELD: f"{sensor} held faulty{who}",
-            Kind.RETURNED: f"{sensor} is used again{who}",
-            Kind.ENDED: f"a fault declared over{who}",
-        }[event.kind]

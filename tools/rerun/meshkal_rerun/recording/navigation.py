@@ -11,7 +11,7 @@ from ..numbers import navigation as numbers
 from ..numbers.navigation import GROUPS
 from ..numbers.tracking import BAND, nees_band
 from . import colours
-from .scene import Scene, send_trail
+from .scene import Scene, send_trail, thinned
 from .series import Clock, Series
 from .sky import Sky
 
@@ -71,6 +71,10 @@ class NavigationScene(Scene):
         estimate = positions_of(batch.estimate[:, 0], NAVIGATION_POSITION)
         self._trail = send_trail(self._rec, "scene/estimate_trail", times, self._trail, estimate)
         self._estimates.append(estimate[np.isfinite(estimate).all(axis=1)])
+
+    def thin(self) -> None:
+        super().thin()
+        self._estimates = thinned(self._estimates)
 
     def finish(self) -> None:
         super().finish()

@@ -7,6 +7,7 @@ import rerun as rr
 
 from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario
+from ..numbers.comparison import in_metres
 from ..numbers.links import Heard
 from ..numbers.survey import DRAWN_NODES, Survey, shade_db
 from . import colours
@@ -132,11 +133,6 @@ class NetworkPicture:
 
     def _static(self, path: str, archetype: object) -> None:
         self._rec.log(path, archetype, static=True)
-
-
-def in_metres(header: Header, scenario: Scenario) -> bool:
-    """Whether the error that colours nodes is that of the position."""
-    return header.timed and scenario.position_states is not None
 
 
 def links(header: Header) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ import rerun as rr
 
 from meshkal_log.fields import LINEAR, NAVIGATION, TRACKING, Batch, Header
 from meshkal_log.scenario import Scenario
-from ..numbers import derive
+from ..numbers import agreement, derive
 from ..numbers.causes import LOGGED, Causes, fault_text
 from ..numbers.integrity import Story
 from ..numbers.survey import ALL_NAMED, DRAWN_NODES, Survey, quantities
@@ -18,6 +18,7 @@ from ..summary.linear import Summary
 from ..summary.navigation import NavigationSummary
 from ..summary.tracking import TrackingSummary
 from . import colours, events
+from .agreement import AgreementRecorder
 from .integrity import IntegrityRecorder
 from .integrity_marks import IntegrityMarks
 from .navigation import NavigationRecorder, NavigationScene
@@ -51,16 +52,17 @@ _SINGLE = ("error_db", "position_error", "nees", "theta")
 
 
 def recording_id(header: Header, run: int, compared: Sequence[str] = ()) -> str:
-    """The same run gives the same id. The viewer merges recordings of equal id, so everything that makes a run differ is in it."""
+    """The same run gives the same id. compared: ids of other logs beside it. The viewer merges recordings of equal id, so everything that makes a run differ is in it."""
     rest = (header.program, header.real, header.source, header.steps, header.loss, header.dt_s)
     if header.estimator_nodes != tuple(range(header.nodes)) and not header.central:
         rest += header.estimator_nodes
     if header.tracking:
-        rest += (header.start_s, header.iterations, header.protocol, header.increments, header.gate, *compared)
+        rest += (header.start_s, header.iterations, header.protocol, header.increments, header.gate)
     if header.navigation:
-        rest += (header.start_s, header.satellites, *compared)
+        rest += (header.start_s, header.satellites)
     if header.monitor:
         rest += (header.monitor, header.monitor_window, header.monitor_false_alarm)
+    rest += tuple(compared)
     digest = hashlib.sha256(repr(rest).encode()).hexdigest()[:8]
     return f"{header.scenario_sha256[:16]}-{header.filter}-seed{header.seed}-run{run}-{digest}"
 
@@ -85,6 +87,11 @@ def labels(header: Header, found: Survey) -> list[str]:
     for e, what in zip(known, ("worst", "2nd worst", "3rd worst", "4th worst", "5th worst")):
         out[e] += f" ({what})"
     return out
+
+
+def _moved(before: tuple[float, float] | None, now: tuple[float, float] | None) -> bool:
+    """By a decibel."""
+    return now is not None and (before is None or max(abs(a - b) for a, b in zip(before, now)) > 1.0)
 
 
 class Recorder:
@@ -113,6 +120,9 @@ class Recorder:
         self._departures = found.departures
         self._causes = Causes(header, found.departures.episodes)
         self._nodes = None if header.navigation else NodeRecorder(self._series, self._clock, header, scenario, found.departures, named, self._palette)
+        agrees = agreement.applies(header)
+        agreement_of = (rec, self._series, self._clock, header, scenario, self._palette, named, found.steps)
+        self._agreement = AgreementRecorder(*agreement_of) if agrees else None
         self._story = Story(header)
         self._integrity = IntegrityRecorder(self._series, self._clock, header, scenario, self._palette, self._names, paths)
         self._marks = IntegrityMarks(rec, self._clock, header, scenario) if header.monitor and self._picture else None
@@ -155,6 +165,8 @@ class Recorder:
         self._integrity.batch(times, batch, story)
         if self._marks:
             self._marks.batch(batch)
+        if self._agreement:
+            self._agreement.batch(times, batch)
         if self._scene:
             self._scene.batch(times, batch)
         if self._picture:
@@ -169,8 +181,25 @@ class Recorder:
         if self._navigation:
             self._navigation.finish()
         events.send(self._rec, self._clock, self._header, self._names, self._departures, self._causes)
-        self._summary.more += more
+        if self._agreement:
+            self._agreement.finish()
+        self._summary.more = list(more)
         self._rec.log("summary", rr.TextDocument(self._summary.text(end, self._shade_range if self._picture else None), media_type="text/markdown"), static=True)
+
+    def refresh(self, last: Batch, found: Survey, more: Sequence[tuple[str, str]]) -> None:
+        """Of a run that goes on, after its `last` batch: what is known by now. The text is not static: a viewer would keep it for ever."""
+        if self._scene:
+            self._scene.thin()
+        # What the colours mean is static, which viewers and their server keep for ever: it is not sent again for little.
+        if self._picture and _moved(self._shade_range, found.shade_range_db):
+            self._shade_range = found.shade_range_db
+            self._picture.shade(found, self._scenario)
+        self._summary.more, self._summary.head.found = list(more), found
+        text = self._summary.text("live", self._shade_range if self._picture else None)
+        times = self._clock.times(last, slice(-1, None))
+        if self._agreement:
+            self._agreement.refresh(times)
+        self._rec.send_columns("summary", times, rr.TextDocument.columns(text=[text], media_type=["text/markdown"]))
 
     def _quantities(self, times: list, each: dict, network: dict) -> None:
         for quantity, values in each.items():

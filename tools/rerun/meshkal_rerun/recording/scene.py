@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The 3-D scene: truth and its trail, the estimates, ellipsoids for their uncertainty, the sensors and their links."""
 
+from functools import partial
+
 import numpy as np
 import rerun as rr
 
@@ -10,6 +12,8 @@ from ..numbers.survey import DRAWN_NODES
 from . import colours
 
 TRAIL_STEPS = 60
+# Of the whole path of a run that goes on.
+_PATH_POINTS = 20000
 
 ELLIPSOIDS = "scene/ellipsoids_3_sigma"
 OTHERS = "scene/other_estimates"
@@ -29,8 +33,8 @@ class Scene:
         self._names, self._palette = names, palette
         self._everyone = np.arange(header.estimators)
         self._shown = self._others = self._everyone[:0]
+        self._draw_sensors = partial(self._sensors, header, scenario, palette)
         self.style_again()
-        self._sensors(header, scenario, palette)
 
     def style_again(self) -> None:
         """Of many nodes those that are named are shown, and the others as small points: their ellipsoids would cover all."""
@@ -45,6 +49,7 @@ class Scene:
         self._style("scene/estimates", rr.Points3D, colors=painted, labels=names, show_labels=False, radii=radii)
         faint = colours.with_alpha(painted, 90)
         self._style(ELLIPSOIDS, rr.Ellipsoids3D, colors=faint, labels=names, show_labels=False, line_radii=-0.4)
+        self._draw_sensors()
 
     def _sensors(self, header: Header, scenario: Scenario, palette: colours.Palette) -> None:
         positions = scenario.node_positions_m
@@ -99,6 +104,10 @@ class Scene:
         self._recent = send_trail(self._rec, "scene/truth_trail", times, self._recent, positions)
         self._path.append(positions[known])
 
+    def thin(self) -> None:
+        """The path of a run that goes on does not fill the memory: of its older part every second point is left out, again and again."""
+        self._path = thinned(self._path)
+
     def finish(self) -> None:
         if self._path:
             path = np.concatenate(self._path)
@@ -106,6 +115,13 @@ class Scene:
 
     def _style(self, path: str, archetype: type, **fields: object) -> None:
         self._rec.log(path, archetype.from_fields(**fields), static=True)
+
+
+def thinned(path: list[np.ndarray]) -> list[np.ndarray]:
+    if not path:
+        return path
+    whole = np.concatenate(path)
+    return [whole[::2] if len(whole) > _PATH_POINTS else whole]
 
 
 def send_trail(rec: rr.RecordingStream, path: str, times: list, recent: np.ndarray, positions: np.ndarray) -> np.ndarray:

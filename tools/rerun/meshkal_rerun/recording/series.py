@@ -12,7 +12,7 @@ from meshkal_log.reader import LogError
 
 _LARGEST_NS = (1 << 63) - 1
 # A log that starts later, in 2001, is taken to count from 1970, and its times are shown as date and time of day, UTC.
-_UNIX_TIMES_S = 1e9
+UNIX_TIMES_S = 1e9
 
 
 _SCALARS = next(iter(rr.Scalars.columns(scalars=[0.0]))).component_descriptor()
@@ -83,6 +83,10 @@ class Series:
         self._styled.add(path)
         return not known
 
+    def style_again(self) -> None:
+        """Styles are sent anew with the next numbers."""
+        self._styled.clear()
+
     def _send(self, path: str, times: list, values: np.ndarray, archetype: type, style: dict) -> None:
         self.style(path, archetype, **style)
         columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values, dtype=np.float64).reshape(-1))
@@ -114,7 +118,7 @@ class Clock:
             what = f"step {step.max()} with dt_s = {dt_s:g}" if time_s is None else f"time_s = {time_s[np.abs(time_s).argmax()]:g}"
             raise LogError(f"{what} is beyond the clock of rerun (292 years)")
         seconds = seconds_timeline(self._header)
-        if self._header.start_s >= _UNIX_TIMES_S:
+        if self._header.start_s >= UNIX_TIMES_S:
             clock = rr.TimeColumn(seconds, timestamp=ns.astype("int64").astype("datetime64[ns]"))
         else:
             clock = rr.TimeColumn(seconds, duration=ns.astype("timedelta64[ns]"))

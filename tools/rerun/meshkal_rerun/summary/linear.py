@@ -6,6 +6,7 @@ import numpy as np
 from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario
 from ..numbers import derive
+from .ending import ENDINGS
 from .head import Head
 from .integrity import IntegritySummary
 
@@ -58,7 +59,17 @@ class Summary:
             self._last_rms_db = float(network["error_db"]["rms"][-1])
 
     def text(self, end: str | None, colour_range: tuple[float, float] | None) -> str:
-        return "\n\n".join([self._title(), self.head.text(self._good()), table("Result", self._result(end)), self._legend(colour_range), table("Scenario", self._facts())])
+        result, facts = (table(heading, rows) for heading, rows in self.tables(end).items())
+        return "\n\n".join([self._title(), self.head.text(self._good()), result, self._legend(colour_range), facts])
+
+    def tables(self, end: str | None) -> dict[str, list[tuple[str, str]]]:
+        """Rows of name and value, in Markdown, by the tables' headings."""
+        return {"Result": self._result(end), "Scenario": self._facts()}
+
+    def title(self) -> tuple[str, str]:
+        """Of the scenario, and of the filter in Markdown."""
+        name, what = self._title().split("\n\n", 1)
+        return name.removeprefix("# "), what
 
     def _good(self) -> str:
         """In a line."""
@@ -96,7 +107,8 @@ class Summary:
             rows.append(("estimates missing", self._share("estimates")))
         rows.append(("fault entries", str(self._fault_entries)))
         rows += self.integrity.rows()
-        state = {"complete": "complete", "interrupted": "run was interrupted", None: "**cut: the end is missing**"}[end]
+        rows += self.more
+        state = ENDINGS[end]
         rows.append(("log", f"{state}, {self._steps} steps, to step {self._last_step}"))
         return rows
 

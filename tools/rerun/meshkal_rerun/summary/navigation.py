@@ -8,6 +8,7 @@ from meshkal_log.scenario import Scenario
 from ..numbers import navigation as numbers
 from ..numbers.navigation import GROUPS
 from ..numbers.tracking import nees_band
+from .ending import ENDINGS
 from .head import Head
 from .linear import Summary
 
@@ -66,7 +67,7 @@ class NavigationSummary(Summary):
         used, less, none = (int(d[k]) for k in (Decision.USED, Decision.INFLATED, Decision.REJECTED))
         rows.append(("readings used, with less weight, not", f"{used}, {less}, {none}"))
         rows += self.integrity.rows()
-        state = {"complete": "complete", "interrupted": "run was interrupted", None: "**cut: the end is missing**"}[end]
+        state = ENDINGS[end]
         rows.append(("log", f"{state}, {self._steps} epochs, {self._first_s:g} s to {self._last_s:g} s"))
         return rows
 

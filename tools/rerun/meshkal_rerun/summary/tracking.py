@@ -6,6 +6,7 @@ import numpy as np
 from meshkal_log.fields import Batch, Decision, Header
 from meshkal_log.scenario import Scenario
 from ..numbers import tracking as numbers
+from .ending import ENDINGS
 from .head import Head
 from .linear import Summary, db
 
@@ -99,7 +100,7 @@ class TrackingSummary(Summary):
             rows.append(("messages missing", _share(self._gone["messages"], self._due["messages"])))
         if self._apart is not None:
             rows.append(("disagreement at the end", f"{self._apart:.3g} m"))
-        state = {"complete": "complete", "interrupted": "run was interrupted", None: "**cut: the end is missing**"}[end]
+        state = ENDINGS[end]
         rows.append(("log", f"{state}, {self._steps} instants, {self._first_s:g} s to {self._last_s:g} s"))
         return rows
 

@@ -8,8 +8,15 @@ import rerun.blueprint as rrb
 from meshkal_log.fields import Batch, Header
 from meshkal_log.reader import LogError
 from meshkal_log.scenario import Scenario
+from meshkal_log.together import Label
+from ..numbers import agreement
+from ..numbers.difference import Difference
 from ..numbers.survey import DRAWN_NODES, Survey
+from ..recording import colours
 from ..recording.series import seconds_timeline
+from . import VIEWS
+from . import compare as compare_blueprint
+from . import consensus as consensus_blueprint
 from . import integrity as integrity_blueprint
 from . import navigation as navigation_blueprint
 from . import node as node_blueprint
@@ -18,7 +25,6 @@ from . import tracking as tracking_blueprint
 from .parts import Shown
 
 PLAIN = ("kfc", "kfd")  # without theta and tolerance
-VIEWS = ("overview", "node", "compare", "integrity", "consensus", "summary")
 
 
 def blueprint(
@@ -27,13 +33,14 @@ def blueprint(
     first: Batch,
     found: Survey,
     named: Sequence[int],
-    compared: tuple[str, ...] = (),
+    compared: Sequence[tuple[Label, Difference | None]] = (),
     view: str | None = None,
 ) -> rrb.Blueprint:
-    """`first` is the first batch: it tells whether there is a truth, and where the scene is. named: nodes, the worst first. compared: names of
-    other logs. view: of VIEWS, what is in front; None: the comparison if there is one, else the overview."""
-    shown = Shown(header, scenario, first, found, tuple(named), compared)
-    tabs = views_of(shown)
+    """`first` is the first batch: it tells whether there is a truth, and where the scene is. named: nodes, the worst first. compared: the shown log's
+    name with no difference, and those of others with theirs; or nothing. view: of VIEWS, what is in front; None: the comparison if there is one, else
+    the overview."""
+    shown = Shown(header, scenario, first, found, tuple(named), tuple(label.text for label, _ in compared[1:]))
+    tabs = views_of(shown, compared)
     if view is not None and view not in tabs:
         raise LogError(f"the log has nothing for the view {view}; it has {', '.join(tabs)}")
     active = view or ("compare" if compared and "compare" in tabs else "overview")
@@ -48,17 +55,20 @@ def blueprint(
     )
 
 
-def views_of(shown: Shown) -> dict[str, rrb.Container]:
-    """Tabs by names of VIEWS, in their order, those that this log has something for."""
-    header, scenario, first, compared = shown.header, shown.scenario, shown.first, shown.compared
+def views_of(shown: Shown, compared: Sequence[tuple[Label, Difference | None]] = ()) -> dict[str, rrb.Container]:
+    """Tabs by names of VIEWS, in their order, those that this log has something for. compared: as for `blueprint`."""
+    header, scenario, first = shown.header, shown.scenario, shown.first
     if header.navigation:
-        tabs = navigation_blueprint.front(header, scenario, first, compared)
+        tabs = navigation_blueprint.front(header, scenario, first, shown.compared)
     elif header.tracking:
         tabs = {"overview": tracking_blueprint.overview(shown)}
     else:
         tabs = {"overview": _overview(shown)}
-    # Here are the places of the tabs "compare" and "consensus".
     tabs["node"] = navigation_blueprint.node(first) if header.navigation else node_blueprint.tab(header, scenario, first, shown.found, shown.named)
+    if compared:
+        tabs["compare"] = compare_blueprint.tab(header, compared[0][0], compared[1:])
+    if agreement.applies(header):
+        tabs["consensus"] = consensus_blueprint.tab(header, scenario, first)
     tabs.setdefault("summary", views.words("Summary"))
     if header.monitor:
         tabs["integrity"] = integrity_blueprint.tab(header, first)
@@ -86,7 +96,9 @@ def _overview(shown: Shown) -> rrb.Horizontal:
     header, scenario, first = shown.header, shown.scenario, shown.first
     has_truth = first.error is not None
     if has_truth:
-        plots = [shown.plot("error_db", "Error{each}, dB", summary="rms")]
+        others = "".join(f", {colours.compared(i)[0]}: {label}" for i, label in enumerate(shown.compared))
+        extra = ("$origin/compared/**",) if shown.compared else ()
+        plots = [shown.plot("error_db", "Error{each}, dB" + others, summary="rms", extra=extra)]
     else:
         plots = [shown.plot("nis_ratio", "Test quantity{each}, 1 = as expected (no truth, so no error)", summary="pooled")]
     if header.filter in PLAIN:

@@ -4,14 +4,16 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn
 
 from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario
+from ..numbers.comparison import in_metres
 from ..numbers.derive import QUANTILES
 from ..numbers.survey import ALL_NAMED, Survey
-from ..recording.network import bounds, in_metres
+from ..recording.network import bounds
 from ..recording.scene import viewpoint
 
 LEGEND_NODES = 8
@@ -77,6 +79,14 @@ def series(
 ) -> rrb.TimeSeriesView:
     labels = rrb.PlotLegend(corner, visible=legend)
     return rrb.TimeSeriesView(origin=origin, contents=contents, name=name, plot_legend=labels, axis_x=TIME_AXIS, axis_y=axis)
+
+
+def axis_of_most(values: np.ndarray, least: float = 0.0) -> rrb.ScalarAxis | None:
+    """From 0 to what nearly all values reach: one outlier or the start would otherwise press the rest flat. The view zooms out to them."""
+    known = values[np.isfinite(values) & (values > 0)]
+    if not len(known):
+        return None
+    return rrb.ScalarAxis(range=(0.0, max(least, min(1.05 * float(known.max()), 1.5 * float(np.percentile(known, 97))))))
 
 
 def plot(

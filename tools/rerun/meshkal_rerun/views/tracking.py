@@ -9,7 +9,8 @@ from ..numbers import tracking as numbers
 from ..numbers.survey import DRAWN_NODES
 from ..recording import colours
 from ..recording.tracking import DRAWN_SLOTS
-from .parts import TIME_AXIS, Shown, network, scene, series, states, words
+from .consensus import consensus
+from .parts import TIME_AXIS, Shown, axis_of_most, network, scene, series, states, words
 
 # One lane each; more would be too thin to read.
 LANES = 40
@@ -44,36 +45,35 @@ def _plots(shown: Shown) -> list[rrb.View]:
     error = numbers.position_error(first, scenario)
     if error is not None:
         extra = ("$origin/compared/**",) if compared else ()
-        out.append(shown.plot("position_error", "Position error{each}, m" + others, summary="rms", axis=_axis(error), extra=extra))
+        out.append(shown.plot("position_error", "Position error{each}, m" + others, summary="rms", axis=axis_of_most(error), extra=extra))
     elif first.error is not None:
         out.append(shown.plot("error_db", "Error{each}, dB", summary="rms"))
     if first.nees is not None:
         low, high = numbers.nees_band(header.states)
         name = "NEES{each}; exact: " + f"{header.states}, in 95 of 100 steps {low:.2f} to {high:.2f}"
-        out.append(shown.plot("nees", name, summary="mean", axis=_axis(first.nees, 1.5 * high), legend=False, extra=("$origin/band/**",)))
+        out.append(shown.plot("nees", name, summary="mean", axis=axis_of_most(first.nees, 1.5 * high), legend=False, extra=("$origin/band/**",)))
     else:
         out.append(_test_quantity(shown, "no truth, so no NEES"))
     if _gated(first):
         sums = len(numbers.Slots(header).at) > DRAWN_SLOTS
         contents = ["$origin/threshold", "$origin/network/**" if sums else "$origin/**", *([] if sums else ["- $origin/network/**"])]
         what = "largest in each step" if sums else "cross: rejected, triangle: inflated"
-        axis = _axis(np.concatenate([first.gate_ratio, first.gate_stacked_ratio], axis=1), 2.0)
+        axis = axis_of_most(np.concatenate([first.gate_ratio, first.gate_stacked_ratio], axis=1), 2.0)
         out.append(series("gate_ratio", f"Test ratio of the gate, threshold 1; {what}", contents, axis=axis))
     elif first.nees is not None:
         out.append(_test_quantity(shown, "no gate in this log"))
     if first.disagreement is not None:
         name = f"Disagreement: largest distance of two estimates, m{distances}"
-        out.append(series("disagreement", name, ["$origin/**"], axis=_axis(first.disagreement)))
+        out.append(series("disagreement", name, ["$origin/**"], axis=axis_of_most(first.disagreement)))
     elif compared:
         out.append(series("disagreement", f"Disagreement, m{distances}", ["$origin/**"]))
     if first.consensus_disagreement is not None and header.iterations:
-        name = f"Consensus: distance from the mean, dB; red: before, blue: after {header.iterations} iterations"
-        out.append(series("consensus", name, ["$origin/**"]))
+        out.append(consensus(header))
     return out
 
 
 def _test_quantity(shown: Shown, why: str) -> rrb.View:
-    axis = _axis(shown.first.nis / np.maximum(shown.first.nis_rows, 1), 2.0)
+    axis = axis_of_most(shown.first.nis / np.maximum(shown.first.nis_rows, 1), 2.0)
     return shown.plot("nis_ratio", "Test quantity{each}, 1 = as expected " + f"({why})", summary="pooled", axis=axis, legend=False)
 
 
@@ -84,11 +84,3 @@ def _scene_name(first: Batch) -> str:
 
 def _gated(first: Batch) -> bool:
     return bool((first.gate_ratio > 0).any() or (first.gate_stacked_ratio > 0).any())
-
-
-def _axis(values: np.ndarray, least: float = 0.0) -> rrb.ScalarAxis | None:
-    """From 0 to what nearly all values reach: one outlier or the start would otherwise press the rest flat. The view zooms out to them."""
-    known = values[np.isfinite(values) & (values > 0)]
-    if not len(known):
-        return None
-    return rrb.ScalarAxis(range=(0.0, max(least, min(1.05 * float(known.max()), 1.5 * float(np.percentile(known, 97))))))
