@@ -192,8 +192,7 @@ class Recorder:
         if self._picture and _moved(self._shade_range, found.shade_range_db):
             self._shade_range = found.shade_range_db
             self._picture.shade(found, self._scenario)
-        self._departures, self._summary.head.found = found.departures, found
-        self._summary.more = list(more)
+        self._summary.more, self._summary.head.found = list(more), found
         text = self._summary.text("live", self._shade_range if self._picture else None)
         times = self._clock.times(last, slice(-1, None))
         if self._agreement:
