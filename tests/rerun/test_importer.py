@@ -150,11 +150,19 @@ def test_a_log_that_cannot_be_read_is_ours_and_says_why(tmp_path, change, messag
 def test_a_viewer_that_ends(tmp_path):
     """The importer does not stay behind."""
     (tmp_path / "run.cbor").write_bytes(Log(nodes=20, steps=2000).data())
-    process = subprocess.Popen([sys.executable, "-m", "meshkal_rerun.importer", tmp_path / "run.cbor"], env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert process.stdout.read(1000)
-    process.stdout.close()
-    process.stderr.close()
-    process.wait(20)
+    # rerun itself stays behind in about two cases of five.
+    command = [sys.executable, "-m", "meshkal_rerun.importer", tmp_path / "run.cbor"]
+    processes = [subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) for _ in range(5)]
+    for process in processes:
+        assert process.stdout.read(1000)
+        process.stdout.close()
+        process.stderr.close()
+    try:
+        for process in processes:
+            process.wait(20)
+    finally:
+        for process in processes:
+            process.kill()
 
 
 def test_rerun_switched_off_is_said(tmp_path):

@@ -108,8 +108,9 @@ def test_what_came_out_of_the_pipe_is_recorded(tmp_path, log, signals):
     for number in signals:
         process.send_signal(number)
         time.sleep(0.2)
+    status = process.wait(60)
     stderr = process.stderr.read().decode()
-    assert process.wait(60) == 128 + signals[-1]
+    assert status == 128 + signals[-1]
     name = {signal.SIGTERM: "SIGTERM", signal.SIGINT: "Ctrl-C", signal.SIGHUP: "SIGHUP"}[signals[-1]]
     assert f"stopped by {name} at step 798 of {STEPS}: run.rrd holds steps 0 to 798\n" in stderr
     assert held(log, tmp_path / "run.rrd") == 799 and os.listdir(tmp_path) == ["run.rrd"]
@@ -119,8 +120,9 @@ def test_what_came_out_of_the_pipe_is_recorded(tmp_path, log, signals):
 def test_nothing_came_out_of_the_pipe(tmp_path, log):
     process = into_pipe(tmp_path, log.items()[:1])
     process.send_signal(signal.SIGTERM)
+    status = process.wait(60)
     stderr = process.stderr.read().decode()
-    assert process.wait(60) == 143 and "stopped by SIGTERM before the first step" in stderr and stderr.count("\n") == 1
+    assert status == 143 and "stopped by SIGTERM before the first step" in stderr and stderr.count("\n") == 1
     assert os.listdir(tmp_path) == []
     process.stdin.close()
 

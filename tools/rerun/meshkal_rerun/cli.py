@@ -106,7 +106,12 @@ def _written(options: argparse.Namespace, shown: str, interrupts: Interrupts) ->
             from . import pictures
 
             opened.quiet(readings=3)
-            remarks = pictures.write(opened, wanted, Path(options.png), size=options.size or pictures.SIZE, time_s=options.time)
+            try:
+                remarks = pictures.write(opened, wanted, Path(options.png), size=options.size or pictures.SIZE, time_s=options.time)
+            except pictures.viewer.ViewerError as error:
+                opened.quiet()
+                say(f"{shown}: {error}; {options.png} has the figures, and not all views")
+                return EXIT_PART
             status = told([text for text in remarks if text not in known], opened, shown, f"{options.png} shows what was read before", interrupts)
     return status
 
