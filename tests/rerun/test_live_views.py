@@ -18,6 +18,7 @@ from meshkal_rerun.live.viewers import set_axes
 from meshkal_rerun.numbers.survey import focus, survey, unknown
 from meshkal_rerun.recording import colours
 from meshkal_rerun.recording.recorder import Recorder
+from meshkal_rerun.recording.series import Series
 from meshkal_rerun.views.blueprint import blueprint
 
 
@@ -93,3 +94,18 @@ def test_plots_show_the_last_while():
     shown = blueprint(header, scenario, batches[0], unknown(header), header.estimator_nodes)
     ends = rrb.TimeRangeBoundary.cursor_relative(seconds=-60.0), rrb.TimeRangeBoundary.cursor_relative()
     assert set_axes(shown.root_container, rrb.TimeAxis(view_range=rrb.TimeRange(*ends))) > 5
+
+
+def test_only_styles_that_change_are_sent_again(tmp_path):
+    rec = rr.RecordingStream("meshkal", recording_id="test")
+    rec.save(tmp_path / "run.rrd")
+    series = Series(rec)
+    times = [rr.TimeColumn("step", sequence=[0])]
+    for colours_now in ([1, 2], [1, 3]):
+        for k, colour in enumerate(colours_now):
+            series.lines(f"line/{k}", times, np.zeros(1), names=["one"], colors=np.array([colour], dtype=np.uint32))
+        series.style_again()
+    rec.disconnect()
+    recording = Recording(tmp_path / "run.rrd")
+    painted = [recording.rows(f"line/{k}", "SeriesLines:colors", static=True)[2] for k in range(2)]
+    assert painted == [[[1]], [[2], [3]]]

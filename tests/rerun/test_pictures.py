@@ -85,7 +85,7 @@ def rendered(can_render, tmp_path_factory) -> Path:
 
 def test_each_view_is_painted(rendered):
     views = {path.stem for path in rendered.glob("*.png") if not path.stem.startswith("figure-")}
-    assert {"overview", "integrity"} <= views
+    assert views == {"overview", "node", "consensus", "integrity", "summary"}
     for view in views:
         picture = pixels(rendered / f"{view}.png")
         assert picture.shape == (SIZE[1], SIZE[0], 3)
@@ -119,7 +119,11 @@ def test_a_moment(can_render, tmp_path):
     with viewer.viewer(SIZE) as shown:
         end = overview(shown, log, tmp_path / "run.rrd")
         then = overview(shown, log, None, {"timeline": "time_s", "duration": float(log.arrays["time_s"][0, 20, 0])})
+        assert shown.views() == ["overview", "node", "consensus", "summary"]
+    # The viewer gives all recordings of one session the blueprint of the first.
+    with viewer.viewer(SIZE) as shown:
         flight = overview(shown, add_monitor(NavigationLog(), "exclude"), tmp_path / "flight.rrd")
+        assert shown.views() == ["overview", "node", "integrity", "summary"]
     assert 0.001 < different(end, then) < 0.2
     for picture in (end, flight):
         assert (painted(picture).max(axis=0) > 0.01).all()
@@ -145,7 +149,7 @@ def command(log: Path, directory: Path, home: Path, **environment: str) -> subpr
     for name in [name for name in env if name.startswith("XDG_")]:
         del env[name]
     (home / "tmp").mkdir(parents=True, exist_ok=True)
-    return subprocess.Popen([sys.executable, "-m", "meshkal_rerun.pictures", str(log), "--png", str(directory)], env=env, stdout=subprocess.PIPE,
+    return subprocess.Popen([sys.executable, "-m", "meshkal_rerun", str(log), "--png", str(directory)], env=env, stdout=subprocess.PIPE,
                             stderr=subprocess.PIPE, text=True)
 
 

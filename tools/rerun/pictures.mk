@@ -3,7 +3,7 @@
 
 .PHONY: pictures
 PICTURES = $(BUILD)/pictures
-TO_PNG = $(PYTHON) -m meshkal_rerun.pictures
+TO_PNG = .venv/bin/meshkal-rerun
 NO_DRIVER = pictures: no picture of the views without a Vulkan driver (Debian: mesa-vulkan-drivers)
 
 # $(call picture,NAME,VIEW,LOGS and options): tools/rerun/NAME.png

@@ -1,15 +1,21 @@
 # SPDX-License-Identifier: MIT
 """What a survey finds, of a run that goes on."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
 
 from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario
+from ..numbers.departures import Departures, Watch
 from ..numbers.survey import Survey, per_estimator, shade_db, unknown
 
 _ROWS = 512
+# Departures are looked for in the last steps, of all estimators together so many; looking takes a while, and is not done again for little.
+_WATCHED = 1_000_000
+_WATCHED_STEPS = 10_000
+_LOOK_S = 5.0
 
 
 class Running:
@@ -22,10 +28,13 @@ class Running:
         self._has_truth = False
         self._rows: list[np.ndarray] = []
         self._stride = 1
+        self._watch = Watch(header, min(_WATCHED_STEPS, max(_WATCHED // header.estimators, 100)))
+        self._departures, self._looked = Departures(), 0.0
 
     def batch(self, batch: Batch) -> None:
         each = per_estimator(batch, self._header, self._scenario)
         self._has_truth = "error_db" in each or "position_error" in each
+        self._watch.batch(batch, each)
         shade = shade_db(each)
         first = -self._steps % self._stride
         self._steps += len(shade)
@@ -45,4 +54,9 @@ class Running:
         values = values[np.isfinite(values)]
         span = tuple(float(q) for q in np.percentile(values, [10, 90])) if len(values) else None
         rank = tuple(int(e) for e in np.argsort(-badness, kind="stable"))
-        return replace(unknown(self._header), steps=self._steps, rank=rank, badness=badness, shade_range_db=span, has_truth=self._has_truth)
+        now = time.monotonic()
+        if now - self._looked > _LOOK_S:
+            self._departures = self._watch.departures()
+            self._looked = time.monotonic()
+        known = {"rank": rank, "badness": badness, "shade_range_db": span, "has_truth": self._has_truth, "departures": self._departures}
+        return replace(unknown(self._header), steps=self._steps, **known)

@@ -9,6 +9,7 @@ queue in front drops its oldest steps.
 import threading
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -79,8 +80,8 @@ class Viewers(threading.Thread):
         self._rec.set_sinks(self._sink)
         last = cost = 0.0
         while not self._halt.is_set() and not self._queue.over:
-            # Of a large network, half of the time at most.
-            self._halt.wait(max(0.0, last + max(_INTERVAL_S, 2.0 * cost) - time.monotonic()))
+            # Of a large network, four fifths of the time at most.
+            self._halt.wait(max(0.0, last + max(_INTERVAL_S, 1.25 * cost) - time.monotonic()))
             last = time.monotonic()
             items, since = self._queue.take(_MOST_STEPS, _INTERVAL_S)
             if items:
@@ -130,7 +131,8 @@ class Viewers(threading.Thread):
         self._running = Running(header, self._scenario)
         self._first = batch
         self._named = focus(header, found, self._nodes)
-        self._recorder = Recorder(self._rec, header, self._scenario, self._run, found, self._named)
+        # Nobody knows how many steps there will be.
+        self._recorder = Recorder(self._rec, header, self._scenario, self._run, replace(found, steps=0), self._named)
         self._rec.send_blueprint(self._blueprint(self._window_s))
         self._refresh_at = now + _REFRESH_S
         self._focus_at = tuple(now + s for s in _FOCUS_S)

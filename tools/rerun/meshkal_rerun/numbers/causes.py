@@ -125,7 +125,8 @@ class Causes:
         if own in since:
             out.append(f"no reading of its own since {since.pop(own):.6g} s")
         if since:
-            who = f"node {next(iter(since))}" if len(since) == 1 else "nodes " + ", ".join(map(str, list(since)[:_NAMED])) + (", .." if len(since) > _NAMED else "")
+            some = ", ".join(map(str, list(since)[:_NAMED])) + (", .." if len(since) > _NAMED else "")
+            who = f"node{'s' * (len(since) > 1)} {some}"
             what = "sensors" if header.central else "neighbours"
             out.append(f"{len(since)} of {len(header.slots[e]) - (own is not None)} {what} silent since {min(since.values()):.6g} s ({who})")
         return out

@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: MIT
 """When an estimator went wrong: episodes in which its error, or its test quantity, departs from what is usual. Numbers only, no rerun.
 
-The error of several estimators: usual is the network's median in the same step, or its settled level if that is larger, times how much worse this
-estimator is than most throughout. Few estimators, the network's median itself, and a centre have their own settled level. An episode is where the
-error is twice the usual, and three times in three steps running. Before an error has come down to its settled level for the first time it settles,
-and does not depart. Levels are lower quartiles over time, so that a fault may last for most of a run.
+The error of several estimators: usual is the network's median in the same step, or its settled level if that is larger, times how much
+worse this estimator is than most throughout. Few estimators, the network's median itself, and a centre have their own settled level. An
+episode is where the error is twice the usual, and three times in three steps running. Before an error has come down to its settled level
+for the first time it settles, and does not depart. Levels are lower quartiles over time, so that a fault may last for most of a run.
 
-The test quantity, which needs no truth: a cumulative sum of the normalised innovations squared beyond half as many again as expected (Page's test). It
-rises where innovations are too large, and the lowest and highest point of the rise are begin and end. The sum of an estimator whose model fits exceeds h with a probability of at
-most exp(-r h) in a step, r from E exp(r (x - 1.5)) = 1 for x chi-square with one degree of freedom (Lundberg's bound)."""
+The test quantity, which needs no truth: a cumulative sum of the normalised innovations squared beyond half as many again as expected
+(Page's test). It rises where innovations are too large, and the lowest and highest point of the rise are begin and end. The sum of an
+estimator whose model fits exceeds h in a step with a probability of at most exp(-r h), where E exp(r (x - 1.5)) = 1 for x chi-square with
+one degree of freedom (Lundberg's bound).
+"""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,6 +53,7 @@ def serious(episode: Episode) -> tuple[bool, float]:
 
 @dataclass(frozen=True)
 class Departures:
+    watched: bool = False  # else nothing is known
     episodes: tuple[Episode, ...] = ()  # in order of their begins
     of_position: bool = False  # the error is that of the position, in metres
     levels: np.ndarray | None = None  # (E,): settled level of the error over that of most estimators; None without truth
@@ -66,10 +69,11 @@ class Departures:
 
 
 class Watch:
-    """Takes all batches of a run; keeps ten bytes a step and estimator at most."""
+    """Takes all batches of a run; keeps ten bytes a step and estimator at most. most: of a run that goes on, batches beyond so many steps are
+    forgotten, the oldest first."""
 
-    def __init__(self, header: Header) -> None:
-        self._header = header
+    def __init__(self, header: Header, most: int | None = None) -> None:
+        self._header, self._most, self._forgotten = header, most, 0
         self._steps: list[np.ndarray] = []
         self._seconds: list[np.ndarray] = []
         self._error: list[np.ndarray] = []
@@ -90,6 +94,10 @@ class Watch:
                 self._error.append(error.astype(np.float32))
         self._silences.batch(batch)
         self._rows.append(np.minimum(batch.nis_rows, np.iinfo(np.uint16).max).astype(np.uint16))
+        while self._most and len(self._steps) > 1 and sum(map(len, self._steps)) > self._most:
+            self._forgotten += len(self._steps[0])
+            for kept in (self._steps, self._seconds, self._error, self._nis, self._rows):
+                del kept[:1]
 
     def departures(self) -> Departures:
         if not self._steps:
@@ -106,9 +114,10 @@ class Watch:
                            end == len(step) - 1, ratio, value, against)
 
         episodes = sorted((episode(*row) for row in found), key=lambda e: (e.begin_s, e.estimator, e.of_error))
-        silences, missing = self._silences.finish()
+        silences, missing = self._silences.so_far()
+        silences = [replace(s, begin=max(s.begin - self._forgotten, 0), end=s.end - self._forgotten) for s in silences if s.end >= self._forgotten]
         timed = tuple((s, episode(False, s.estimator, s.begin, s.end, s.begin, math.nan, math.nan, math.nan)) for s in silences)
-        return Departures(tuple(episodes), self._of_position, levels, timed, missing)
+        return Departures(True, tuple(episodes), self._of_position, levels, timed, missing)
 
 
 def seconds(batch: Batch, header: Header) -> np.ndarray:
@@ -169,8 +178,8 @@ def test_episodes(nis: np.ndarray, rows: np.ndarray) -> list[tuple]:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         quantity = nis / rows
         # A model that is off throughout has its own level; one that is too careful has none.
-        quartiles = {r: chi_square_upper_quantile(0.75, int(r)) / r for r in np.unique(rows) if r}
-        lower = np.vectorize(lambda r: quartiles.get(r, math.nan))(np.arange(rows.max() + 1.0))[rows.astype(np.int64)] if quartiles else np.full_like(rows, math.nan)
+        known, which = np.unique(rows, return_inverse=True)
+        lower = np.array([chi_square_upper_quantile(0.75, int(r)) / r if r else math.nan for r in known])[which].reshape(rows.shape)
         level = quantile(quantity / lower, 0.25, axis=0)
         beyond = rows * (quantity / np.where(level > 1.0, level, 1.0) - _DRIFT)
     beyond = np.clip(np.nan_to_num(beyond, nan=0.0, posinf=math.inf), None, 10.0 * limit)

@@ -100,17 +100,20 @@ class Silences:
                 self._close(int(e), self._row + int(at) - 1)
 
     def _close(self, e: int, last: int) -> None:
-        begin, nodes, of, own = self._open.pop(e)
-        self.found.append(Silence(e, begin, last, nodes, of, own))
+        self.found.append(self._silence(e, last))
+        del self._open[e]
 
-    def finish(self) -> tuple[list[Silence], np.ndarray]:
+    def _silence(self, e: int, last: int) -> Silence:
+        begin, nodes, of, own = self._open[e]
+        return Silence(e, begin, last, nodes, of, own)
+
+    def so_far(self) -> tuple[list[Silence], np.ndarray]:
         """And the share of messages of others, (E,), that did not arrive; NaN where nobody sends."""
-        for e in list(self._open):
-            self._close(e, self._row - 1)
+        found = self.found + [self._silence(e, self._row - 1) for e in self._open]
         starts = self._header.slot_starts
         gone = np.add.reduceat(np.where(self._own, 0.0, self._missing), starts)
         due = self._row * np.add.reduceat((~self._own).astype(np.float64), starts)
-        return sorted(self.found, key=lambda s: (s.begin, s.estimator)), np.divide(gone, due, out=np.full(len(due), np.nan), where=due > 0)
+        return sorted(found, key=lambda s: (s.begin, s.estimator)), np.divide(gone, due, out=np.full(len(due), np.nan), where=due > 0)
 
 
 def silence_text(silence: Silence, name: str, central: bool) -> str:

@@ -32,6 +32,8 @@ PAINT_S = 90.0
 # For so long after a file was opened the viewer says so in a corner.
 NOTICE_S = 3.5
 _CONTROL_S = 10.0
+# Titles of tabs that do not begin with the name of their view.
+_OTHER_TITLES = {"navigation": "node"}
 
 
 class NoViewer(Exception):
@@ -62,6 +64,8 @@ class Viewer:
             self._blueprint = self._client.get_blueprint(store_id=self._store).blueprint
         root = self._blueprint["/viewport"]["ViewportBlueprint"]["root_container"]
         self._tabs = self._blueprint[f"/container/{root}"]["ContainerBlueprint"]
+        # The bar at the top warns of the machine, and says nothing of the recording.
+        self._blueprint["/top_panel"] = {"PanelBlueprint": {"state": "Hidden"}}
         if self._tabs["container_kind"] != "Tabs":
             raise ViewerError("the recording's views are not in tabs")
 
@@ -95,7 +99,8 @@ class Viewer:
         for tab in self._tabs["contents"]:
             said = self._blueprint[f"/{tab}"]
             title = (said.get("ContainerBlueprint") or said.get("ViewBlueprint")).get("display_name", "")
-            out.setdefault(title.split(" ")[0].lower(), tab)
+            name = title.split(" ")[0].lower()
+            out.setdefault(_OTHER_TITLES.get(name, name), tab)
         return {name: out[name] for name in VIEWS if name in out}
 
     @contextmanager

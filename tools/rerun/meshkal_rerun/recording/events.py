@@ -21,7 +21,7 @@ def path(header: Header, estimator: int) -> str:
 
 
 def name(names: list[str], estimator: int) -> str:
-    return "network's median" if estimator == NETWORK else names[estimator]
+    return "network's median" if estimator == NETWORK else "the filter" if names == ["centre"] else names[estimator]
 
 
 def send(rec: rr.RecordingStream, clock: Clock, header: Header, names: list[str], departures: Departures, causes: Causes) -> None:
@@ -37,7 +37,7 @@ def entries_of(header: Header, names: list[str], departures: Departures, causes:
         who = name(names, episode.estimator)
         known = "; ".join(causes.texts.get(episode, []))
         said = episode_text(episode, who, departures.of_position)
-        over = f"{who}: {'error' if episode.of_error else 'test quantity'} as usual"
+        over = f"{who}: error as usual" if episode.of_error else ""  # the end of the others is in the entry of their begin
         _add(entries, path(header, episode.estimator), episode, said, f"; {known}" if known else "", over, "ERROR" if episode.of_error else "WARN")
     for silence, span in departures.silences[:MOST]:
         said = silence_text(silence, names[silence.estimator], header.central)
@@ -50,5 +50,5 @@ def entries_of(header: Header, names: list[str], departures: Departures, causes:
 def _add(entries: dict, entity: str, span: Episode, said: str, known: str, over: str, level: str) -> None:
     mine = entries.setdefault(entity, [])
     mine.append((span.begin_step, span.begin_s, f"{said}, {'to the end' if span.lasts else f'until {span.end_s:.6g} s'}{known}", level))
-    if not span.lasts:
+    if over and not span.lasts:
         mine.append((span.end_step, span.end_s, over, "INFO"))

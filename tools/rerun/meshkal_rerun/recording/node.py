@@ -44,12 +44,18 @@ def origin(header: Header, e: int) -> str:
 
 
 class NodeRecorder:
-    def __init__(self, series: Series, clock: Clock, header: Header, scenario: Scenario, departures: Departures, named: Sequence[int]) -> None:
+    def __init__(self, series: Series, clock: Clock, header: Header, scenario: Scenario, departures: Departures, named: Sequence[int],
+                 palette: colours.Palette) -> None:
+        self._palette = palette
         self._series, self._clock, self._header, self._scenario, self._departures = series, clock, header, scenario, departures
         self._estimators = estimators(header, named)
         self._states = nodes.state_names(header, scenario)
         self._lanes = Lanes(series, clock)
         self._slots = Slots(header) if header.tracking else None
+
+    def rename(self, departures: Departures, named: Sequence[int]) -> None:
+        """Other nodes from now on: of a run that goes on."""
+        self._departures, self._estimators = departures, estimators(self._header, named)
 
     def batch(self, times: list, batch: Batch) -> None:
         decided = decisions(batch, self._slots) if self._slots else None
@@ -61,20 +67,23 @@ class NodeRecorder:
                 self._innovations(at, times, batch, e)
             ratio, inner = nodes.test_ratio(batch.nis[:, e], batch.nis_rows[:, e])
             lines = self._series.lines
-            lines(f"{at}/test/ratio", times, ratio, names="test quantity / 99.9 % limit", colors=colours.MEDIAN, widths=1.5)
+            lines(f"{at}/test/ratio", times, ratio, names="test quantity / 99.9 % limit", colors=self._colour(e), widths=1.5)
             lines(f"{at}/test/limit", times, np.ones(len(ratio)), names="limit: 99.9 %", colors=colours.LIMIT_LINE, widths=1.5)
             lines(f"{at}/test/inner_limit", times, inner, names="95 %", colors=colours.REFERENCE, widths=1.0)
             self._all_lanes(at, batch, e, decided, fault)
+
+    def _colour(self, e: int) -> int:
+        return int(self._palette.estimators[e])
 
     def _bands(self, at: str, times: list, batch: Batch, e: int) -> None:
         """The viewer draws a band of one standard deviation about a value: its variance is that of SIGMAS of them."""
         variance, error = SIGMAS**2 * nodes.variances(batch, self._header, self._scenario, e), nodes.errors(batch, e)
         estimate = derive.finite(batch.estimate[:, e])
         for i, name in enumerate(self._states):
-            self._band(f"{at}/estimate/{i}", times, estimate[:, i], variance[:, i], f"estimate, {name}", colours.MEDIAN)
+            self._band(f"{at}/estimate/{i}", times, estimate[:, i], variance[:, i], f"estimate, {name}", self._colour(e))
             if error is not None:
                 self._band(f"{at}/band/{i}", times, np.zeros(len(error)), variance[:, i], f"{SIGMAS:g} sigma", _BAND_COLOUR)
-                self._series.lines(f"{at}/error/{i}", times, error[:, i], names=f"error, {name}", colors=colours.MEDIAN, widths=1.5)
+                self._series.lines(f"{at}/error/{i}", times, error[:, i], names=f"error, {name}", colors=self._colour(e), widths=1.5)
 
     def _band(self, path: str, times: list, value: np.ndarray, variance: np.ndarray, name: str, colour: int) -> None:
         """An unknown variance has no band: the value is drawn alone."""
@@ -93,7 +102,7 @@ class NodeRecorder:
             known = np.isfinite(innovation[:, i])
             band = np.where(known, SIGMAS**2 * variance[:, i], np.nan)
             self._band(f"{at}/innovation_band/{i}", times, np.where(known, 0.0, np.nan), band, f"{SIGMAS:g} sigma", _BAND_COLOUR)
-            style = {"names": f"innovation, row {i}", "colors": colours.MEDIAN, "marker_sizes": 2.0}
+            style = {"names": f"innovation, row {i}", "colors": self._colour(e), "marker_sizes": 2.0}
             self._series.points(f"{at}/innovation/{i}", times, innovation[:, i], **style)
         return None
 

@@ -117,7 +117,7 @@ class Recorder:
         self._picture = None if header.navigation else NetworkPicture(rec, header, scenario, found, self._palette, self._labels)
         self._departures = found.departures
         self._causes = Causes(header, found.departures.episodes)
-        self._nodes = None if header.navigation else NodeRecorder(self._series, self._clock, header, scenario, found.departures, named)
+        self._nodes = None if header.navigation else NodeRecorder(self._series, self._clock, header, scenario, found.departures, named, self._palette)
         agrees = agreement.applies(header)
         agreement_of = (rec, self._series, self._clock, header, scenario, self._palette, named, found.steps)
         self._agreement = AgreementRecorder(*agreement_of) if agrees else None
@@ -140,6 +140,9 @@ class Recorder:
             self._scene.style_again()
         if self._picture:
             self._picture.style_again(self._labels)
+        if self._nodes:
+            self._nodes.rename(found.departures, named)
+        self._departures, self._summary.head.found = found.departures, found
 
     def batch(self, batch: Batch) -> None:
         times = self._clock.times(batch)
@@ -189,7 +192,7 @@ class Recorder:
         if self._picture and _moved(self._shade_range, found.shade_range_db):
             self._shade_range = found.shade_range_db
             self._picture.shade(found, self._scenario)
-        self._summary.more = list(more)
+        self._summary.more, self._summary.head.found = list(more), found
         text = self._summary.text("live", self._shade_range if self._picture else None)
         times = self._clock.times(last, slice(-1, None))
         if self._agreement:

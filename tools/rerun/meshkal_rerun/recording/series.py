@@ -41,6 +41,7 @@ class Series:
         self.rec = rec
         self._line_style = {"aggregation_policy": rr.components.AggregationPolicy.MinMax} if envelope else {}
         self._styled: set[str] = set()
+        self._sent: dict[str, dict] = {}  # the styles
 
     def lines(self, path: str, times: list, values: np.ndarray, **style: object) -> None:
         self._send(path, times, values, rr.SeriesLines, style)
@@ -67,11 +68,15 @@ class Series:
 
     def style(self, path: str, archetype: type, **style: object) -> None:
         """Sent once."""
-        if self.first(path):
+        if not self.first(path):
+            return
+        plain = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in style.items()}
+        if self._sent.get(path) != plain:
+            self._sent[path] = plain
             self.rec.log(path, archetype(**style, **(self._line_style if archetype is rr.SeriesLines else {})), static=True)
 
     def style_again(self) -> None:
-        """Styles are sent anew with the next numbers."""
+        """Styles that have changed are sent anew with the next numbers."""
         self._styled.clear()
 
     def has(self, path: str) -> bool:
@@ -82,10 +87,6 @@ class Series:
         known = path in self._styled
         self._styled.add(path)
         return not known
-
-    def style_again(self) -> None:
-        """Styles are sent anew with the next numbers."""
-        self._styled.clear()
 
     def _send(self, path: str, times: list, values: np.ndarray, archetype: type, style: dict) -> None:
         self.style(path, archetype, **style)

@@ -12,19 +12,21 @@ from ..numbers.silence import silence_text
 from ..numbers.survey import Survey
 
 _MOST = 3
+_LATE = 20  # steps, of the error after the test quantity
 
 
 class Head:
     def __init__(self, header: Header, found: Survey, causes: Causes, names: list[str]) -> None:
-        self._header, self._found, self._causes, self._names = header, found, causes, names
+        self._header, self.found, self._causes, self._names = header, found, causes, names
 
     def text(self, good: str) -> str:
         """good: how good the run was as a whole."""
         lines = [f"**How good:** {good}"] if good else []
-        if self._found.steps:
+        if self.found.steps:
             if self._header.estimators > 1:
                 lines.append(f"**Worst:** {self._worst()}")
-            episode = self._found.moment
+        if self.found.departures.watched:
+            episode = self.found.moment
             lines.append(f"**When it went wrong:** {self._when(episode)}")
             if episode:
                 lines.append(f"**Why:** {self._why(episode)}")
@@ -35,14 +37,14 @@ class Head:
         return "  \n".join(lines)
 
     def _name(self, estimator: int) -> str:
-        return "the network as a whole" if estimator == NETWORK else self._names[estimator]
+        return "the network as a whole" if estimator == NETWORK else "the filter" if self._header.central else self._names[estimator]
 
     def _worst(self) -> str:
-        found, e = self._found, self._found.rank[0]
+        found, e = self.found, self.found.rank[0]
         if not math.isfinite(found.badness[e]):
             return "unknown"
         middle = float(np.nanmedian(found.badness))
-        what = "RMS error" if found.departures.levels is not None else "mean test quantity"
+        what = "RMS error" if found.has_truth else "mean test quantity"
         times = f", {found.badness[e] / middle:.2g} times that of the median node" if middle > 0.0 else ""
         if 0.0 < found.badness[e] < 1.1 * middle:
             times = ", hardly more than the others"
@@ -54,7 +56,7 @@ class Head:
     def _when(self, episode: Episode | None) -> str:
         if episode is None:
             return "nobody departed from what is usual" if self._header.estimators > 1 else "it did not depart from what is usual"
-        departures = self._found.departures
+        departures = self.found.departures
         unit = " m" if departures.of_position else ""
         what = (f"error up to {episode.ratio:.2g} times its usual ({episode.value:.3g}{unit})" if episode.of_error
                 else f"test quantity up to {episode.ratio:.3g} times the expected")
@@ -73,7 +75,8 @@ class Head:
 
     def _why(self, episode: Episode) -> str:
         """What the log knows of the begin, or, where the error is late, of the test quantity's that came before."""
-        before = [e for e in self._found.departures.of(episode.estimator) if e.begin_step <= episode.begin_step and e.end_step >= episode.begin_step]
+        mine = self.found.departures.of(episode.estimator)
+        before = [e for e in mine if 0 <= episode.begin_step - e.begin_step <= _LATE and e.end_step >= episode.begin_step]
         texts = list(dict.fromkeys(text for e in [episode, *before] for text in self._causes.texts.get(e, [])))
         if texts:
             return "; ".join(texts)
@@ -83,7 +86,7 @@ class Head:
 
     def _silent(self) -> str:
         """Who heard nothing for a while, and who got clearly fewer messages than most."""
-        departures = self._found.departures
+        departures = self.found.departures
         said = [f"{silence_text(silence, self._names[silence.estimator], self._header.central)} {when(span)}"
                 for silence, span in departures.silences[:_MOST]]
         if len(departures.silences) > _MOST:
@@ -96,9 +99,9 @@ class Head:
         return "; ".join(said)
 
     def _next(self, episode: Episode | None) -> str:
-        header, silences = self._header, self._found.departures.silences
+        header, silences = self._header, self.found.departures.silences
         tab = "Navigation" if header.navigation else "Node"
-        e, moment = self._found.rank[0], episode
+        e, moment = self.found.rank[0], episode
         if episode is None and silences:
             moment = silences[0][1]
         if moment and moment.estimator != NETWORK:

@@ -22,7 +22,7 @@ _FILTER_NAMES = {
 
 class Summary:
     def __init__(self, header: Header, scenario: Scenario, run: int, names: list[str], head: Head) -> None:
-        self._head = head
+        self.head = head
         self._header, self._scenario, self._run, self._names = header, scenario, run, names
         self._steps = 0
         self._last_step = 0
@@ -60,7 +60,7 @@ class Summary:
 
     def text(self, end: str | None, colour_range: tuple[float, float] | None) -> str:
         result, facts = (table(heading, rows) for heading, rows in self.tables(end).items())
-        return "\n\n".join([self._title(), self._head.text(self._good()), result, self._legend(colour_range), facts])
+        return "\n\n".join([self._title(), self.head.text(self._good()), result, self._legend(colour_range), facts])
 
     def tables(self, end: str | None) -> dict[str, list[tuple[str, str]]]:
         """Rows of name and value, in Markdown, by the tables' headings."""
@@ -73,7 +73,7 @@ class Summary:
 
     def headlines(self) -> list[str]:
         """How good, who is worst, when and why, in Markdown."""
-        return self._head.text(self._good()).split("  \n")
+        return self.head.text(self._good()).split("  \n")
 
     def _good(self) -> str:
         """In a line."""

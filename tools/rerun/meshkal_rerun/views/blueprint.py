@@ -64,8 +64,7 @@ def views_of(shown: Shown, compared: Sequence[tuple[Label, Difference | None]] =
         tabs = {"overview": tracking_blueprint.overview(shown)}
     else:
         tabs = {"overview": _overview(shown)}
-    if not header.navigation:
-        tabs["node"] = node_blueprint.tab(header, scenario, first, shown.found, shown.named)
+    tabs["node"] = navigation_blueprint.node(first) if header.navigation else node_blueprint.tab(header, scenario, first, shown.found, shown.named)
     if compared:
         tabs["compare"] = compare_blueprint.tab(header, compared[0][0], compared[1:])
     if agreement.applies(header):

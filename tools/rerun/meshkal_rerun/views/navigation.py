@@ -23,7 +23,12 @@ def front(header: Header, scenario: Scenario, first: Batch, compared: tuple[str,
 def details(scenario: Scenario, first: Batch) -> list:
     name = "Position, m: " + ("truth (white), " if first.truth is not None else "") + "estimate (blue)"
     flight = rrb.Vertical(views.scene(scenario, first, name), name="Flight")
-    return [rrb.Grid(*_states(first), name="Navigation", grid_columns=3), flight]
+    return [flight]
+
+
+def node(first: Batch) -> rrb.Grid:
+    """The states of the one estimator, in the place of the view of single nodes."""
+    return rrb.Grid(*_states(first), name="Navigation", grid_columns=3)
 
 
 def consistency(header: Header, first: Batch) -> list[rrb.View]:
@@ -78,7 +83,7 @@ def _plots(header: Header, first: Batch, compared: tuple[str, ...]) -> list[rrb.
 def _summary(header: Header) -> rrb.Horizontal:
     return rrb.Horizontal(
         rrb.TextDocumentView(origin="summary", name="Summary"),
-        text_log("integrity_events", "Alarms and faults"),
+        text_log("/", "Events", ["/events/**", "/integrity_events/**"]),
         column_shares=[5, 4],
         name="Summary",
     )

@@ -32,7 +32,8 @@ def tab(header: Header, scenario: Scenario, first: Batch, found: Survey, named: 
 def _label(header: Header, found: Survey, e: int) -> str:
     if header.central:
         return "Centre"
-    said = (["worst"] if header.estimators > 1 and found.steps and e == found.rank[0] else []) + (["departs"] if found.departures.of(e) else [])
+    departure = found.departures.worst(e)
+    said = (["worst"] if header.estimators > 1 and found.steps and e == found.rank[0] else []) + ([] if departure is None else ["departs" if departure.of_error else "test quantity"])
     said += ["silence"] if any(silence.estimator == e for silence, _ in found.departures.silences) else []
     return f"{header.estimator_nodes[e]}" + (f" ({', '.join(said)})" if said else "")
 
