@@ -355,10 +355,10 @@ def test_few_values_have_no_interval():
 
 def test_student_quantiles():
     """Abramowitz and Stegun, table 26.10."""
-    from meshkal_rerun.numbers.batch_means import student_quantile
+    from meshkal_rerun.numbers.quantiles import student
 
     for degrees, value in ((1, 12.706), (2, 4.303), (7, 2.365), (10, 2.228), (15, 2.131), (30, 2.042), (120, 1.980)):
-        assert abs(student_quantile(0.025, degrees) - value) < 6e-4
+        assert abs(student(0.025, degrees) - value) < 6e-4
 
 
 def test_lines_of_nodes_in_long_runs_are_means(compare):

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import quantiles
+
 LEVEL = 0.95
 # Longer batches depend less on each other; with fewer of them the interval is wide.
 _MOST, _LEAST = 32, 8
@@ -37,7 +39,7 @@ def batch_means(values: np.ndarray) -> Mean:
     # What is left of it; estimated from few means it is too small by about (1 + 4 r) / count.
     left = _correlation(means)
     left = min(max(left + (1.0 + 4.0 * left) / count, 0.0), 0.9) if left > 0.67 / math.sqrt(count) else 0.0
-    half = student_quantile(0.5 * (1.0 - LEVEL), count - 1) * float(means.std(ddof=1)) * math.sqrt((1.0 + left) / (1.0 - left) / count)
+    half = quantiles.student(0.5 * (1.0 - LEVEL), count - 1) * float(means.std(ddof=1)) * math.sqrt((1.0 + left) / (1.0 - left) / count)
     return Mean(mean, mean - half, mean + half)
 
 
@@ -49,33 +51,3 @@ def _correlation(means: np.ndarray) -> float:
     centred = means - means.mean()
     total = float(centred @ centred)
     return float(centred[1:] @ centred[:-1]) / total if total > 0.0 else 0.0
-
-
-def student_quantile(tail: float, degrees: int) -> float:
-    """What Student's t exceeds with probability `tail` below 1/2, by bisection."""
-    low, high = 0.0, 1.0
-    while _student_upper(high, degrees) > tail:
-        high *= 2.0
-    for _ in range(100):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _student_upper(middle, degrees) > tail else (low, middle)
-    return 0.5 * (low + high)
-
-
-def _student_upper(t: float, degrees: int) -> float:
-    """A finite sum for whole degrees of freedom (Abramowitz and Stegun 26.7.3 and 26.7.4)."""
-    angle = math.atan(t / math.sqrt(degrees))
-    square = math.cos(angle) ** 2
-    if degrees % 2:
-        term, total = math.cos(angle), 0.0
-        for j in range(3, degrees + 1, 2):
-            total += term
-            term *= square * (j - 1) / j
-        inside = 2.0 / math.pi * (angle + math.sin(angle) * total)
-    else:
-        term, total = 1.0, 0.0
-        for j in range(2, degrees + 1, 2):
-            total += term
-            term *= square * (j - 1) / j
-        inside = math.sin(angle) * total
-    return 0.5 * (1.0 - inside)

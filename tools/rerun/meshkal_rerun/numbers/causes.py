@@ -133,10 +133,10 @@ class Causes:
 
 
 def episode_text(episode: Episode, name: str, of_position: bool) -> str:
-    """"node 7: error up to 8.1 times its usual (6.3 m)": short, for a log shows one line, and the time beside it."""
+    """"node 7: error up to 6.3 m, 8.1 times its usual": short, for a log shows one line, and the time beside it."""
     if not episode.of_error:
         return f"{name}: test quantity up to {episode.ratio:.3g} times the expected"
-    return f"{name}: error up to {episode.ratio:.3g} times its usual ({episode.value:.3g}{' m' if of_position else ''})"
+    return f"{name}: error up to {episode.value:.3g}{' m' if of_position else ''}, {episode.ratio:.3g} times its usual"
 
 
 def when(episode: Episode) -> str:

@@ -18,9 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from meshkal_log.fields import Batch, Header
-from . import derive
+from . import derive, quantiles
 from .silence import Silence, Silences
-from .tracking import chi_square_upper_quantile
 
 NETWORK = -1  # in place of the number of an estimator
 ON, OFF = 3.0, 2.0
@@ -129,7 +128,7 @@ def error_episodes(error: np.ndarray, dimensions: int) -> tuple[list[tuple], np.
     and against as in `Episode`; and the levels."""
     median = quantile(error, 0.5, axis=1)
     # From the lower quartile to the median of a norm.
-    up = math.sqrt(chi_square_upper_quantile(0.5, dimensions) / chi_square_upper_quantile(0.75, dimensions))
+    up = math.sqrt(quantiles.chi_square(0.5, dimensions) / quantiles.chi_square(0.75, dimensions))
     level = quantile(error, 0.25, axis=0)
     typical = quantile(median, 0.25, axis=0) * up
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -178,8 +177,7 @@ def test_episodes(nis: np.ndarray, rows: np.ndarray) -> list[tuple]:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         quantity = nis / rows
         # A model that is off throughout has its own level; one that is too careful has none.
-        known, which = np.unique(rows, return_inverse=True)
-        lower = np.array([chi_square_upper_quantile(0.75, int(r)) / r if r else math.nan for r in known])[which].reshape(rows.shape)
+        lower = quantiles.chi_square(0.75, rows) / rows
         level = quantile(quantity / lower, 0.25, axis=0)
         beyond = rows * (quantity / np.where(level > 1.0, level, 1.0) - _DRIFT)
     beyond = np.clip(np.nan_to_num(beyond, nan=0.0, posinf=math.inf), None, 10.0 * limit)

@@ -8,8 +8,8 @@ from enum import Enum
 import numpy as np
 
 from meshkal_log.fields import Batch, Header
-from . import derive
-from .tracking import Slots, chi_square_upper_quantile
+from . import derive, quantiles
+from .tracking import Slots
 
 # Statistics with a name, as tests of them are called.
 STATISTICS = {"rctm": "RCTM", "aime": "AIME"}
@@ -22,19 +22,12 @@ def tested(header: Header) -> str:
     return "rctm" if header.monitor == "rctm" else "aime"
 
 
-def thresholds(rows: np.ndarray, false_alarm: float) -> np.ndarray:
-    """The upper quantile of chi-square with so many degrees; NaN where there is none."""
-    known, at = np.unique(rows, return_inverse=True)
-    values = np.array([chi_square_upper_quantile(false_alarm, int(k)) if k else np.nan for k in known])
-    return values[at].reshape(rows.shape)
-
-
 def ratios(batch: Batch, header: Header) -> dict[str, np.ndarray]:
     """Of each statistic to its threshold, (T, E). The log has the threshold of the tested one only; that of the other follows in the same way."""
     out = {}
     for key in STATISTICS:
         value, rows = getattr(batch, f"monitor_{key}"), getattr(batch, f"monitor_{key}_rows")
-        out[key] = derive.finite(value) / thresholds(rows, header.monitor_false_alarm)
+        out[key] = derive.finite(value) / quantiles.chi_square(header.monitor_false_alarm, rows)
     return out
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from meshkal_log.fields import Batch, Header
 from meshkal_log.scenario import Scenario
-from . import derive, integrity
+from . import derive, quantiles
 from .departures import Episode
 
 SIGMAS = 3.0
@@ -62,8 +62,8 @@ def own_rows(header: Header, e: int) -> slice:
 
 def test_ratio(nis: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of the test quantity to what it exceeds with probability TAIL, and the same of what it exceeds with INNER_TAIL."""
-    outer = integrity.thresholds(rows, TAIL)
-    return derive.finite(nis) / outer, integrity.thresholds(rows, INNER_TAIL) / outer
+    outer = quantiles.chi_square(TAIL, rows)
+    return derive.finite(nis) / outer, quantiles.chi_square(INNER_TAIL, rows) / outer
 
 
 class Arrival(IntEnum):

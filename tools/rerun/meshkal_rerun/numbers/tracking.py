@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: MIT
 """What is drawn of a tracking log besides the quantities of derive.py. Numbers only, no rerun."""
 
-import math
-
 import numpy as np
 
 from meshkal_log.fields import Batch, Decision, Header
 from meshkal_log.scenario import Scenario
-from . import derive
+from . import derive, quantiles
 
 BAND = 0.95
 # What a picture shows of a reading that several estimators heard: the worst that became of it. It is lost if nobody got it.
@@ -134,27 +132,4 @@ def middle(estimates: np.ndarray) -> np.ndarray:
 def nees_band(states: int, level: float = BAND) -> tuple[float, float]:
     """Where the NEES of one estimator in one step is with this probability, if its filter is exact."""
     tail = (1.0 - level) / 2.0
-    return chi_square_upper_quantile(1.0 - tail, states), chi_square_upper_quantile(tail, states)
-
-
-def chi_square_upper_quantile(tail: float, degrees: int) -> float:
-    """What is exceeded with probability `tail`, however small, by bisection of the tail's function, a finite sum for whole degrees of freedom."""
-    low, high = 0.0, 1.0
-    while _chi_square_upper(high, degrees) > tail:
-        high *= 2.0
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _chi_square_upper(middle, degrees) > tail else (low, middle)
-    return 0.5 * (low + high)
-
-
-def _chi_square_upper(x: float, degrees: int) -> float:
-    """Q(a + 1, y) = Q(a, y) + y^a e^-y / Gamma(a + 1) from Q(1/2) = erfc or Q(1) = e^-y."""
-    y = x / 2.0
-    if y == 0.0:
-        return 1.0
-    a, total = (0.5, math.erfc(math.sqrt(y))) if degrees % 2 else (1.0, math.exp(-y))
-    while a < degrees / 2.0:
-        total += math.exp(a * math.log(y) - y - math.lgamma(a + 1.0))
-        a += 1.0
-    return total
+    return float(quantiles.chi_square(1.0 - tail, states)), float(quantiles.chi_square(tail, states))

@@ -11,12 +11,11 @@ from meshkal_log.reader import LogError
 from meshkal_log.scenario import parse_scenario, positions_of
 
 from ..conversion import Logs, Plan, Wanted
-from ..numbers import derive, integrity, navigation, tracking
+from ..numbers import derive, integrity, navigation, quantiles, tracking
 from ..numbers.causes import Causes, fault_text
 from ..numbers.faults import FaultChanges
 from ..numbers.integrity import Story
 from ..numbers.survey import quantities, shade_db
-from ..numbers.tracking import chi_square_upper_quantile
 from ..recording import events as departure_events
 from ..recording.comparison import Compared
 from ..recording.recorder import estimator_names
@@ -102,9 +101,8 @@ def seconds(batch: Batch, header: Header) -> np.ndarray:
 def test_band(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where the test quantity of one node with so many degrees of freedom is with probability `tracking.BAND`, if its model is right."""
     tail = (1.0 - tracking.BAND) / 2.0
-    known, at = np.unique(rows, return_inverse=True)
-    low, high = (np.array([chi_square_upper_quantile(t, int(k)) / k if k else np.nan for k in known]) for t in (1.0 - tail, tail))
-    return low[at], high[at]
+    degrees = np.maximum(rows, 1)
+    return quantiles.chi_square(1.0 - tail, rows) / degrees, quantiles.chi_square(tail, rows) / degrees
 
 
 class _Reading:

@@ -58,7 +58,7 @@ class Head:
             return "nobody departed from what is usual" if self._header.estimators > 1 else "it did not depart from what is usual"
         departures = self.found.departures
         unit = " m" if departures.of_position else ""
-        what = (f"error up to {episode.ratio:.2g} times its usual ({episode.value:.3g}{unit})" if episode.of_error
+        what = (f"error up to {episode.value:.3g}{unit}, {episode.ratio:.2g} times its usual," if episode.of_error
                 else f"test quantity up to {episode.ratio:.3g} times the expected")
         text = f"{self._name(episode.estimator)} {when(episode)}, {what} at {episode.peak_s:.6g} s"
         mine = [e for e in departures.of(episode.estimator) if e is not episode and e.of_error == episode.of_error]

@@ -4,7 +4,7 @@
 import numpy as np
 import rerun.blueprint as rrb
 
-from meshkal_log.fields import Batch, Header
+from meshkal_log.fields import Batch
 from ..numbers import tracking as numbers
 from ..numbers.survey import DRAWN_NODES
 from ..recording import colours
