@@ -235,7 +235,7 @@ def test_steps_of_nodes_are_joined_as_those_of_files():
     readers = {node: LogReader(io.BufferedReader(io.BytesIO(log.data()))) for node, log in logs.items()}
     joining = Joining(readers[1].header)
     assert joining.header.estimator_nodes == (0, 1, 2, 3, 4) and joining.header.slots == tuple(tuple(s) for s in Log(nodes=5).header["slots"])
-    steps = {node: list(reader._steps()) for node, reader in readers.items()}
+    steps = {node: list(reader.steps()) for node, reader in readers.items()}
     assert all(joining.node(node, reader.header) for node, reader in readers.items())
     out = []
     for t in range(6):
@@ -251,7 +251,7 @@ def test_steps_of_nodes_are_joined_as_those_of_files():
         out += joining.ready(10.04)
     assert [item["step"] for item in out] == [1, 2, 3, 4, 5]
     whole = JoinedReader({str(node): LogReader(io.BufferedReader(io.BytesIO(log.data()))) for node, log in logs.items()})
-    for item, expected in zip(out, list(whole._steps())[1:]):
+    for item, expected in zip(out, list(whole.steps())[1:]):
         if item["step"] != 4:
             for key in ("theta", "estimate", "nis"):
                 wide = item[key].reshape(5, -1)

@@ -25,8 +25,8 @@ from meshkal_rerun.views.blueprint import blueprint
 def opened(log: Log) -> tuple[LogReader, list[Batch]]:
     """In batches of ten steps."""
     log_reader = LogReader(io.BufferedReader(io.BytesIO(log.data())))
-    items = list(log_reader._steps())
-    return log_reader, [reader._batch(items[at : at + 10], log_reader.header) for at in range(0, len(items), 10)]
+    items = list(log_reader.steps())
+    return log_reader, [reader.batch_of(items[at : at + 10], log_reader.header) for at in range(0, len(items), 10)]
 
 
 def test_a_running_survey_finds_what_a_survey_finds():

@@ -107,8 +107,8 @@ def test_a_node_that_is_not_there(tmp_path, kind, asked, message):
 def test_a_satellite_is_named_by_its_number():
     from meshkal_log.fields import Header
     from meshkal_log.reader import LogReader
-    from meshkal_rerun.conversion import _nodes, _ranges
+    from meshkal_rerun.conversion import _ranges, node_numbers
 
     header: Header = LogReader(io.BufferedReader(io.BytesIO(NavigationLog().data()))).header
-    assert _nodes(header, [header.satellites[3], header.satellites[0]]) == (3, 0)
+    assert node_numbers(header, [header.satellites[3], header.satellites[0]]) == (3, 0)
     assert _ranges([0, 1, 2, 5, 7, 8]) == "0 to 2, 5, 7 to 8"

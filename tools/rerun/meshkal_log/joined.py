@@ -14,7 +14,7 @@ SAME = ("scenario_sha256", "filter", "real", "dt_s", "source", "monitor", "monit
 _SLOTS = ("measurements_arrived", "estimates_arrived")
 _EACH = ("estimate", "variance", "trace_covariance", "position_covariance", "theta", "tolerance", "nis", "nis_rows", "faults")
 _OWN = ("innovation", "innovation_variance")
-_OPTIONAL = ("variance", *_OWN)
+MAY_BE_ABSENT = ("variance", *_OWN)
 
 
 def _of_slots(header: Header) -> tuple[str, ...]:
@@ -63,10 +63,10 @@ class JoinedReader(LogReader):
         self.damage = [f"{name}: {text}" for name, reader in self._readers.items() for text in reader.damage]
         self.warnings = [f"{name}: {text}" for name, reader in self._readers.items() for text in reader.warnings] + self.warnings
 
-    def _steps(self) -> Iterator[dict]:
+    def steps(self) -> Iterator[dict]:
         sources = [(reader.header, _named(name, reader._until_damage(_checked(reader)))) for name, reader in self._readers.items()]
         heads = [next(items, None) for _, items in sources]
-        absent = {key for key in _OPTIONAL if not any(head and key in head for head in heads)}
+        absent = {key for key in MAY_BE_ABSENT if not any(head and key in head for head in heads)}
         while any(head is not None for head in heads):
             now = min((head["run"], head["step"]) for head in heads if head is not None)
             present = [i for i, head in enumerate(heads) if head is not None and (head["run"], head["step"]) == now]
@@ -118,7 +118,7 @@ def _checked(reader: LogReader) -> Iterator[dict]:
     """Items whose arrays are as the log's own header says, so that none of them can shift another's."""
     sizes, last, where = lengths(reader.header), None, Where(reader)
     needed = ("estimates_arrived", *(("position_covariance",) if reader.header.positions else ()))
-    for item in reader._steps():
+    for item in reader.steps():
         check_arrays(item, sizes, optional(reader.header), where)
         for key in needed:
             if key not in item:

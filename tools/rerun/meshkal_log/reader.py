@@ -62,7 +62,7 @@ class LogReader:
         # A text or binary file of another kind would otherwise be decoded as some accidental CBOR item.
         if first[0] >> 5 != _MAP_MAJOR_TYPE:
             raise LogError("not a Meshkal log")
-        self._decoder = cbor2.CBORDecoder(self.stream, tag_hook=_array)
+        self._decoder = cbor2.CBORDecoder(self.stream, tag_hook=typed_array)
         self._last: tuple[int, int] | None = None  # run and step of the item before
         self._tells = self.stream.seekable()
         self._start: int | None = None  # of the item that was read
@@ -74,7 +74,7 @@ class LogReader:
             raise LogError("the input ends inside the header") from None
         except LogError:
             raise LogError("not a Meshkal log") from None
-        self.header, self.header_item = _header(item), item
+        self.header, self.header_item = parse_header(item), item
         if hashlib.sha256(self.header.scenario.encode(errors="surrogatepass")).hexdigest() != self.header.scenario_sha256:
             self.warnings.append("the scenario in the log does not match its SHA-256")
 
@@ -96,7 +96,7 @@ class LogReader:
 
         def taken() -> tuple[int, Batch]:
             # Nothing is kept here: a batch may have some 100 MB.
-            out = pending[0]["run"], _batch(pending, self.header)
+            out = pending[0]["run"], batch_of(pending, self.header)
             pending.clear()
             return out
 
@@ -132,7 +132,7 @@ class LogReader:
         present_first: frozenset[str] = frozenset()
         last: tuple[int, int] | None = None
         where = Where(self)
-        for item in self._steps():
+        for item in self.steps():
             if run is None or item["run"] == run:
                 size = check_arrays(item, wanted, may_lack, where)
                 present = frozenset(key for key in may_lack if key in wanted and key in item)
@@ -150,7 +150,8 @@ class LogReader:
                 self.end = "stopped"
                 return
 
-    def _steps(self) -> Iterator[dict]:
+    def steps(self) -> Iterator[dict]:
+        """Step items of all runs as they are, their arrays not checked."""
         count, known, where = 0, {*lengths(self.header), "run", "step"}, Where(self)
         while True:
             try:
@@ -167,7 +168,7 @@ class LogReader:
             if item.get("format") == FORMAT and item.get("scenario_sha256") == self.header.scenario_sha256:
                 continue  # a live stream repeats its header for readers that come later
             for key in ("run", "step"):
-                if not _is_unsigned(item.get(key)):
+                if not is_unsigned(item.get(key)):
                     raise LogError(f"{where}: {key} is missing or not an unsigned number")
             if item["run"] >= self.header.runs and self.header.source != "live":
                 raise LogError(f"{where}: it is of run {item['run']}, and the header says {self.header.runs} runs")
@@ -230,7 +231,8 @@ class Where:
         return f"item {reader.items + self._unread}" + (f" ({place})" if place else "")
 
 
-def _array(*arguments: object) -> object:
+def typed_array(*arguments: object) -> object:
+    """The tag hook of a decoder: an RFC 8746 array of the format becomes an array, any other tag stays."""
     # cbor2 calls with (decoder, tag) up to version 5, and with (tag, immutable) from version 6.
     tag = next(argument for argument in arguments if isinstance(argument, cbor2.CBORTag))
     dtype = ARRAY_DTYPES.get(tag.tag)
@@ -239,7 +241,7 @@ def _array(*arguments: object) -> object:
     return np.frombuffer(tag.value, dtype)
 
 
-def _is_unsigned(value: object) -> bool:
+def is_unsigned(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 63
 
 
@@ -247,7 +249,8 @@ def _is_finite_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
-def _header(item: object) -> Header:
+def parse_header(item: object) -> Header:
+    """Raises LogError if the item is no header of this version, or something in it cannot be."""
     if not isinstance(item, dict) or item.get("format") != FORMAT:
         raise LogError("not a Meshkal log")
     version = item.get("format_version")
@@ -266,7 +269,7 @@ def _header(item: object) -> Header:
         return lambda value: isinstance(value, str) and value in allowed
 
     def positive(value: object) -> bool:
-        return _is_unsigned(value) and value > 0
+        return is_unsigned(value) and value > 0
 
     nodes = take("nodes", positive)
     estimators = take("estimators", positive)
@@ -279,20 +282,20 @@ def _header(item: object) -> Header:
         raise LogError(f"header: {estimators} estimators do not fit filter {filter_name} with {nodes} nodes")
 
     def estimator_nodes_valid(value: object) -> bool:
-        valid = isinstance(value, list) and len(value) == estimators and all(_is_unsigned(k) and k < nodes for k in value)
+        valid = isinstance(value, list) and len(value) == estimators and all(is_unsigned(k) and k < nodes for k in value)
         return valid and all(i < j for i, j in zip(value, value[1:]))
 
     def satellites_valid(value: object) -> bool:
-        return isinstance(value, list) and len(value) == len(set(value)) == nodes and all(map(_is_unsigned, value))
+        return isinstance(value, list) and len(value) == len(set(value)) == nodes and all(map(is_unsigned, value))
 
     def rows_valid(value: object) -> bool:
-        return isinstance(value, list) and len(value) == nodes and all(map(_is_unsigned, value))
+        return isinstance(value, list) and len(value) == nodes and all(map(is_unsigned, value))
 
     def slots_valid(value: object) -> bool:
         return (
             isinstance(value, list)
             and len(value) == estimators
-            and all(isinstance(s, list) and s and all(_is_unsigned(node) and node < nodes for node in s) for s in value)
+            and all(isinstance(s, list) and s and all(is_unsigned(node) and node < nodes for node in s) for s in value)
         )
 
     return Header(
@@ -304,11 +307,11 @@ def _header(item: object) -> Header:
         source=take("source", one_of("drawn", "recorded", "live")),
         seed=take("seed", lambda value: isinstance(value, int)),
         runs=take("runs", positive),
-        steps=take("steps", _is_unsigned),
+        steps=take("steps", is_unsigned),
         loss=take("loss", _is_finite_number),
         dt_s=take("dt_s", lambda value: _is_finite_number(value) and value > 0),
         states=take("states", (lambda value: value == NAVIGATION_STATES) if kind == NAVIGATION else positive),
-        positions=take("positions", lambda value: _is_unsigned(value) and (value == 3 if kind == NAVIGATION else value <= 3)),
+        positions=take("positions", lambda value: is_unsigned(value) and (value == 3 if kind == NAVIGATION else value <= 3)),
         nodes=nodes,
         estimators=estimators,
         rows=tuple(take("rows", rows_valid)),
@@ -316,9 +319,9 @@ def _header(item: object) -> Header:
         estimator_nodes=tuple(take("estimator_nodes", estimator_nodes_valid)) if some else () if central else tuple(range(nodes)),
         kind=kind,
         start_s=take("start_s", _is_finite_number) if kind != LINEAR else 0.0,
-        iterations=take("iterations", _is_unsigned) if kind == TRACKING else 0,
+        iterations=take("iterations", is_unsigned) if kind == TRACKING else 0,
         protocol=take("protocol", text) if kind == TRACKING else "",
-        increments=take("increments", _is_unsigned) if kind == TRACKING else 0,
+        increments=take("increments", is_unsigned) if kind == TRACKING else 0,
         gate=take("gate", lambda value: _is_finite_number(value) and 0 <= value < 1) if kind == TRACKING else 0.0,
         monitor=take("monitor", one_of(*MONITORS)) if monitored else "",
         monitor_window=take("monitor_window", positive) if monitored else 0,
@@ -362,7 +365,8 @@ def _check_timed(item: dict, where: object) -> None:
         raise LogError(f"{where}: decision {largest} is unknown")
 
 
-def _batch(items: list[dict], header: Header) -> Batch:
+def batch_of(items: list[dict], header: Header) -> Batch:
+    """Of step items of one run that are checked."""
     def stack(key: str) -> np.ndarray | None:
         return np.stack([item[key] for item in items]) if key in items[0] else None
 

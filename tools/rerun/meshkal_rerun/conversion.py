@@ -193,7 +193,7 @@ def plan(logs: Logs, wanted: Wanted, *, begun: bool = False) -> Plan:
     """begun: the run may have no steps yet. Raises LogError."""
     shown, *others = logs.open()
     header, scenario = shown.reader.header, parse_scenario(shown.reader.header)
-    nodes = _nodes(header, wanted.nodes)
+    nodes = node_numbers(header, wanted.nodes)
     differences = [Differences(header, other.reader.header, scenario, _named(other, wanted.run)) for other in others]
     found = survey(_beside(shown.reader.batches(wanted.run), differences), header, scenario)
     if not found.steps and logs.stopped:
@@ -270,7 +270,7 @@ def _begun(logs: Logs, output: Into, wanted: Wanted) -> Converted:
     return Converted([f"the log has no step of run {wanted.run} yet", *reader.warnings], None)
 
 
-def _nodes(header: Header, wanted: Sequence[int]) -> tuple[int, ...]:
+def node_numbers(header: Header, wanted: Sequence[int]) -> tuple[int, ...]:
     """Node numbers of those that the user names. Raises LogError."""
     if header.navigation:
         numbers, what = {number: k for k, number in enumerate(header.satellites)}, "satellite"

@@ -102,7 +102,7 @@ class Datagrams(Source):
     def _datagram(self, data: bytes, sender: tuple) -> Iterator[Arrived]:
         try:
             item = decode(data)
-            header = reader._header(item) if is_header(item) else None
+            header = reader.parse_header(item) if is_header(item) else None
         except LogError:
             self.counts["damaged datagrams"] += 1
             return
@@ -139,7 +139,7 @@ class Datagrams(Source):
         if is_end(item):
             self._orders[node].put(_END, time.monotonic(), item, data)
             return
-        if not isinstance(item, dict) or not all(reader._is_unsigned(item.get(key)) for key in ("run", "step")):
+        if not isinstance(item, dict) or not all(reader.is_unsigned(item.get(key)) for key in ("run", "step")):
             self.counts["damaged datagrams"] += 1
             return
         self._orders[node].put((item["run"], item["step"]), time.monotonic(), item, data)

@@ -23,7 +23,7 @@ def decode(data: bytes) -> object:
     """One item, all of `data`. Raises LogError."""
     stream = io.BytesIO(data)
     try:
-        item = cbor2.CBORDecoder(stream, tag_hook=reader._array).decode()
+        item = cbor2.CBORDecoder(stream, tag_hook=reader.typed_array).decode()
     except (EOFError, *_DAMAGE) as error:
         raise LogError(" ".join(str(error).split())) from None
     if stream.tell() != len(data):
@@ -54,7 +54,7 @@ class Framer:
         if self._items == 0 and data and data[0] >> 5 != _MAP:
             raise LogError("not a Meshkal log")
         stream = io.BytesIO(data)
-        decoder = cbor2.CBORDecoder(stream, tag_hook=reader._array)
+        decoder = cbor2.CBORDecoder(stream, tag_hook=reader.typed_array)
         start = 0
         while start < len(data):
             try:
@@ -87,7 +87,7 @@ class KeptLog:
 
     def __init__(self, item: object, raw: bytes, path: Path) -> None:
         """Of a header item. Raises LogError if it is none, OSError if the file cannot be made or is there."""
-        self.header = reader._header(item)
+        self.header = reader.parse_header(item)
         self.path = path
         self.end: str | None = None  # of the last end item, None if steps came after it
         self.steps = 0
@@ -98,7 +98,7 @@ class KeptLog:
         self._file.write(raw)
 
     def same(self, item: object) -> bool:
-        return reader._header(item) == self.header
+        return reader.parse_header(item) == self.header
 
     def step(self, item: object, raw: bytes, *, again: bool) -> bool:
         """Keeps a step. again: steps may come twice or late, and are then left out: returns whether it was kept. Raises LogError."""
@@ -106,7 +106,7 @@ class KeptLog:
         if not isinstance(item, dict):
             raise LogError(f"{where} is not a map")
         for key in ("run", "step"):
-            if not reader._is_unsigned(item.get(key)):
+            if not reader.is_unsigned(item.get(key)):
                 raise LogError(f"{where}: {key} is missing or not an unsigned number")
         where += f" (run {item['run']}, step {item['step']})"
         check_arrays(item, self._lengths, self._optional, where)

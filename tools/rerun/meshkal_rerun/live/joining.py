@@ -6,7 +6,7 @@ import time
 from dataclasses import replace
 
 from meshkal_log.fields import Header
-from meshkal_log.joined import _OPTIONAL, JoinedReader
+from meshkal_log.joined import MAY_BE_ABSENT, JoinedReader
 
 # A step waits so long for nodes that have lately said something.
 _HOLD_S = 0.15
@@ -60,7 +60,7 @@ class Joining(JoinedReader):
             del self._open[at]
             self._shown = at
             if self._absent is None:
-                self._absent = {key for key in _OPTIONAL if not any(key in item for item in parts.values())}
+                self._absent = {key for key in MAY_BE_ABSENT if not any(key in item for item in parts.values())}
             out.append(self._together(*at, [(self._headers[node], item) for node, item in parts.items()], self._absent))
         return out
 

@@ -94,11 +94,11 @@ class Keeping:
             if not self.logs[key].same(item):
                 raise LogError("the source came back with another scenario or other settings; convert it by itself")
             return
-        header = reader._header(item)
+        header = reader.parse_header(item)
         if self._source.joined:
             self._joining = self._joining or Joining(header)
         shown = self._joining.header if self._joining else header
-        named = conversion._nodes(shown, self._nodes)
+        named = conversion.node_numbers(shown, self._nodes)
         number = f".node{key}" if self._source.joined else ""
         path = self._output.with_name(f"{self._output.name}.{os.getpid()}{number}.part.cbor")
         try:

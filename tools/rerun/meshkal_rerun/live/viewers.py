@@ -85,7 +85,7 @@ class Viewers(threading.Thread):
             last = time.monotonic()
             items, since = self._queue.take(_MOST_STEPS, _INTERVAL_S)
             if items:
-                self._show(reader._batch(items, self._header))
+                self._show(reader.batch_of(items, self._header))
                 cost = time.monotonic() - last
             if self._flush() and items:
                 self.delay_s = time.monotonic() - since
